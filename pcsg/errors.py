@@ -1,0 +1,210 @@
+"""What can go wrong, and how it is told.
+
+::
+
+    PcsgError
+    ├── GrammarError       mistakes in a file: one or more diagnostics          exit status 2
+    ├── UsageError         mistakes in arguments, options or API calls          exit status 2
+    ├── EvaluationFault    a fault met while walking the graph (NaN, depth...)  exit status 2
+    └── EnvironmentFault   the surroundings failed (disk, memory)               exit status 1
+
+A diagnostic has one form everywhere: file, line, column, the source line with carets, what is
+wrong, what was expected, and the likely repair.
+"""
+
+from __future__ import annotations
+
+import difflib
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Source:
+    """A text with the name users know it by."""
+
+    name: str
+    text: str = field(repr=False)
+
+    @cached_property
+    def line_starts(self) -> tuple[int, ...]:
+        """Offsets of the first character of every line."""
+        return (0, *(i + 1 for i, c in enumerate(self.text) if c == "\n"))
+
+    def locate(self, offset: int) -> tuple[int, int]:
+        """Return line and column of an offset, both counted from 1."""
+        line = bisect_right(self.line_starts, offset)
+        return line, offset - self.line_starts[line - 1] + 1
+
+    def line(self, number: int) -> str:
+        """Return the text of a line (counted from 1) without its end."""
+        start = self.line_starts[number - 1]
+        end = self.text.find("\n", start)
+        return self.text[start : end if end >= 0 else len(self.text)].rstrip("\r")
+
+
+@dataclass(frozen=True)
+class SourceSpan:
+    """The characters ``[start, end)`` of a source."""
+
+    source: Source
+    start: int
+    end: int
+
+    @property
+    def line(self) -> int:
+        """Line of the first character, from 1."""
+        return self.source.locate(self.start)[0]
+
+    @property
+    def column(self) -> int:
+        """Column of the first character, from 1."""
+        return self.source.locate(self.start)[1]
+
+    @property
+    def text(self) -> str:
+        """The characters themselves."""
+        return self.source.text[self.start : self.end]
+
+    def __str__(self) -> str:
+        line, column = self.source.locate(self.start)
+        return f"{self.source.name}:{line}:{column}"
+
+    def excerpt(self) -> str:
+        """Return the first line of the span with carets under it."""
+        line, column = self.source.locate(self.start)
+        whole = self.source.line(line)
+        width = max(1, min(self.end - self.start, len(whole) - column + 1))
+        shown, column = _clip(whole, column, width)
+        width = max(1, min(width, len(shown) - column + 1))
+        pad = "".join("\t" if c == "\t" else " " for c in shown[: column - 1])
+        number = str(line)
+        return f"  {number} | {shown}\n  {' ' * len(number)} | {pad}{'^' * width}"
+
+
+_EXCERPT_WIDTH = 120
+
+
+def _clip(line: str, column: int, width: int) -> tuple[str, int]:
+    """Cut a very long source line down to a window about the column."""
+    if len(line) <= _EXCERPT_WIDTH:
+        return line, column
+    start = max(0, min(column - 1 - _EXCERPT_WIDTH // 3, len(line) - _EXCERPT_WIDTH))
+    return line[start : start + _EXCERPT_WIDTH], column - start
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One thing that is wrong with a file.
+
+    Attributes
+    ----------
+    code
+        Stable name of the kind of mistake, such as ``unknown-primitive``.
+    message
+        What is wrong, one line without a full stop.
+    span
+        Where; None only for what has no place, such as a missing file.
+    expected
+        What would have been right there.
+    hint
+        The likely repair.
+    notes
+        Further places that explain it, each with a message.
+    severity
+        ``error`` or ``warning``.
+    """
+
+    code: str
+    message: str
+    span: SourceSpan | None = None
+    expected: str | None = None
+    hint: str | None = None
+    notes: tuple[tuple[str, SourceSpan | None], ...] = ()
+    severity: str = "error"
+
+    def render(self) -> str:
+        """Return the diagnostic as text for people."""
+        place = f"{self.span}: " if self.span else ""
+        lines = [f"{place}{self.severity}[{self.code}]: {self.message}"]
+        if self.span:
+            lines.append(self.span.excerpt())
+        if self.expected:
+            lines.append(f"  expected: {self.expected}")
+        if self.hint:
+            lines.append(f"  help: {self.hint}")
+        for message, span in self.notes:
+            lines.append(f"  note: {f'{span}: ' if span else ''}{message}")
+            if span:
+                lines.append(span.excerpt())
+        return "\n".join(lines)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the diagnostic as an object that JSON can carry."""
+        return {
+            "severity": self.severity,
+            "code": self.code,
+            "message": self.message,
+            **_place_json(self.span),
+            "expected": self.expected,
+            "hint": self.hint,
+            "notes": [{"message": text, **_place_json(span)} for text, span in self.notes],
+        }
+
+
+def _place_json(span: SourceSpan | None) -> dict[str, Any]:
+    if span is None:
+        return {"file": None, "line": None, "column": None, "end_line": None, "end_column": None}
+    line, column = span.source.locate(span.start)
+    end_line, end_column = span.source.locate(span.end)
+    return {
+        "file": span.source.name,
+        "line": line,
+        "column": column,
+        "end_line": end_line,
+        "end_column": end_column,
+    }
+
+
+class PcsgError(Exception):
+    """Base of every error that pcsg raises on purpose."""
+
+    exit_status = 2
+
+
+class GrammarError(PcsgError):
+    """Mistakes in a grammar, all of them at once."""
+
+    def __init__(self, diagnostics: Sequence[Diagnostic]) -> None:
+        self.diagnostics = tuple(diagnostics)
+        super().__init__("\n".join(d.render() for d in self.diagnostics))
+
+
+class UsageError(PcsgError, ValueError):
+    """A wrong argument of a command or an API call."""
+
+
+class EvaluationFault(PcsgError):
+    """A fault met while the graph is walked.
+
+    Names the grammar line, the derivation path and the parameter values.
+    """
+
+    def __init__(self, diagnostic: Diagnostic) -> None:
+        self.diagnostic = diagnostic
+        super().__init__(diagnostic.render())
+
+
+class EnvironmentFault(PcsgError):
+    """The surroundings failed: no space, no permission, no memory."""
+
+    exit_status = 1
+
+
+def suggest(word: str, candidates: Iterable[str]) -> str | None:
+    """Return ``did you mean `x`?`` for the nearest candidate, if one is near."""
+    near = difflib.get_close_matches(word, list(candidates), n=1, cutoff=0.6)
+    return f"did you mean `{near[0]}`?" if near else None

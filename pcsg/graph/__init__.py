@@ -1,0 +1,1 @@
+"""The cyclic CSG graph: nodes, expressions, analyses and states."""

@@ -1,0 +1,190 @@
+"""Scene settings: which exist, their keys, and their defaults.
+
+Values are constant expressions over the axiom's parameters; the renderer reads them evaluated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+from pcsg.errors import SourceSpan
+from pcsg.graph.expr import Expr
+
+
+class ValueKind(Enum):
+    """What a key takes."""
+
+    NUMBER = "a number"
+    VECTOR = "three numbers (x, y, z)"
+    COLOR = "three numbers (r, g, b), linear"
+    WORD = "one of the words"
+    NAME = "a name"
+    TEXT = "a text in quotes"
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a setting.
+
+    Attributes
+    ----------
+    kind
+        What it takes.
+    default
+        A number, a tuple of three, a word; None if automatic.
+    summary
+        For the reference page.
+    words
+        Legal words of a WORD.
+    refers_to
+        The kind of setting that a NAME names.
+    low, high
+        Legal range of numbers.
+    """
+
+    kind: ValueKind
+    default: float | tuple[float, float, float] | str | None
+    summary: str
+    words: tuple[str, ...] = ()
+    refers_to: str | None = None
+    low: float = -float("inf")
+    high: float = float("inf")
+
+
+@dataclass(frozen=True)
+class SettingKind:
+    """A kind of setting: ``name { key = value; ... }``.
+
+    Attributes
+    ----------
+    named
+        Written ``kind NAME { ... }``.
+    several
+        May stand more than once.
+    """
+
+    name: str
+    summary: str
+    keys: Mapping[str, Key]
+    named: bool = False
+    several: bool = False
+
+
+_N, _V, _C = ValueKind.NUMBER, ValueKind.VECTOR, ValueKind.COLOR
+
+SETTINGS = {
+    kind.name: kind
+    for kind in (
+        SettingKind(
+            "camera",
+            "Where the picture is taken from.",
+            {
+                "eye": Key(_V, None, "place of the camera; automatic: three quarters view"),
+                "target": Key(_V, None, "the point looked at; automatic: centre of the bounds"),
+                "up": Key(_V, (0.0, 0.0, 1.0), "direction that is up in the picture"),
+                "fov": Key(_N, 35.0, "vertical angle of view in degrees", low=0.01, high=179.0),
+                "aperture": Key(_N, 0.0, "diameter of the lens", low=0.0),
+                "focus": Key(_N, None, "distance in focus; automatic: that of the target", low=0.0),
+            },
+        ),
+        SettingKind(
+            "sun",
+            "Light from a direction.",
+            {
+                "direction": Key(_V, (0.4, -0.6, 0.7), "towards the sun"),
+                "color": Key(_C, (1.0, 0.96, 0.9), "its colour"),
+                "strength": Key(_N, 3.0, "its brightness", low=0.0),
+                "angle": Key(_N, 0.53, "its full diameter in degrees", low=0.0, high=180.0),
+            },
+        ),
+        SettingKind(
+            "light",
+            "A light at a point.",
+            {
+                "position": Key(_V, (0.0, 0.0, 10.0), "where it is"),
+                "color": Key(_C, (1.0, 1.0, 1.0), "its colour"),
+                "strength": Key(_N, 1.0, "its power", low=0.0),
+                "radius": Key(_N, 0.0, "its size", low=0.0),
+            },
+            several=True,
+        ),
+        SettingKind(
+            "sky",
+            "Light from all around, and the background.",
+            {
+                "kind": Key(
+                    ValueKind.WORD,
+                    "gradient",
+                    "which model",
+                    words=("gradient", "physical", "image", "none"),
+                ),
+                "zenith": Key(_C, (0.19, 0.38, 0.76), "colour overhead"),
+                "horizon": Key(_C, (0.74, 0.84, 0.93), "colour at the horizon"),
+                "file": Key(ValueKind.TEXT, None, "picture of kind image"),
+                "strength": Key(_N, 1.0, "its brightness", low=0.0),
+                "turbidity": Key(_N, 3.0, "haze of kind physical", low=1.7, high=10.0),
+            },
+        ),
+        SettingKind(
+            "ground",
+            "An infinite plane.",
+            {
+                "z": Key(_N, None, "its height; automatic: just below the bounds"),
+                "material": Key(ValueKind.NAME, None, "its material", refers_to="material"),
+            },
+        ),
+        SettingKind(
+            "material",
+            "How a surface reflects light.",
+            {
+                "color": Key(_C, (0.7, 0.7, 0.7), "base colour"),
+                "roughness": Key(_N, 0.6, "0 mirror to 1 matt", low=0.0, high=1.0),
+                "metallic": Key(_N, 0.0, "0 dielectric to 1 metal", low=0.0, high=1.0),
+                "specular": Key(_N, 0.5, "strength of the gloss", low=0.0, high=1.0),
+                "transmission": Key(_N, 0.0, "0 opaque to 1 clear", low=0.0, high=1.0),
+                "ior": Key(_N, 1.5, "index of refraction", low=1.0),
+                "translucency": Key(_N, 0.0, "light that comes through a leaf", low=0.0, high=1.0),
+                "emission": Key(_C, (0.0, 0.0, 0.0), "light given off"),
+                "texture": Key(ValueKind.NAME, None, "its texture", refers_to="texture"),
+                "bump": Key(_N, 0.0, "height of the texture's relief"),
+            },
+            named=True,
+            several=True,
+        ),
+        SettingKind(
+            "texture",
+            "A pattern of two colours that varies over a surface.",
+            {
+                "kind": Key(
+                    ValueKind.WORD,
+                    "noise",
+                    "which pattern",
+                    words=("noise", "checker", "marble", "wood", "bark"),
+                ),
+                "color": Key(_C, (0.75, 0.7, 0.62), "first colour"),
+                "color2": Key(_C, (0.35, 0.28, 0.2), "second colour"),
+                "scale": Key(_N, 1.0, "size of the pattern in world units", low=1e-9),
+            },
+            named=True,
+            several=True,
+        ),
+    )
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """One setting as written.
+
+    Attributes
+    ----------
+    values
+        By key: one expression for a number, three for a vector, the text of a word, name or text.
+    """
+
+    kind: SettingKind
+    name: str | None
+    values: Mapping[str, tuple[Expr, ...] | str]
+    span: SourceSpan | None = field(default=None, repr=False)

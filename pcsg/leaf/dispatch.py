@@ -1,0 +1,29 @@
+"""Dispatch over the kinds of leaves: one generated ladder for each kernel of the contract."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pcsg.leaf  # noqa: F401 -- registers every leaf before the ladders are built
+from pcsg.jit import build_ladder, njit
+from pcsg.leaf.registry import kernels
+
+
+def _ladder(method: str, arguments: str, default: str) -> Callable[..., Any]:
+    cases = [njit(contract=True)(plain) for plain in kernels(method)]
+    name = f"leaf_{method}"
+    return build_ladder(name, "kind", arguments.split(), cases, default, contract=True)
+
+
+leaf_crossings = _ladder("crossings", "ray want args at pool t n", "n")
+"""``(kind, ray, want, args, at, pool, t, n) -> n``"""
+
+leaf_normal = _ladder("normal", "p args at pool", "p")
+"""``(kind, p, args, at, pool) -> Vec3``: outward, of any length"""
+
+leaf_inside = _ladder("inside", "p args at pool", "False")
+"""``(kind, p, args, at, pool) -> bool``"""
+
+leaf_uv = _ladder("uv", "p args at pool", "(0.0, 0.0)")
+"""``(kind, p, args, at, pool) -> (u, v)``"""

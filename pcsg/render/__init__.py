@@ -1,0 +1,1 @@
+"""From rays to pictures: camera, light, film, files."""

@@ -1,0 +1,1 @@
+"""Rays through graphs: packed tables and the kernels that walk them."""
