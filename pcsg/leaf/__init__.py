@@ -1,6 +1,6 @@
 """Primitive solids and sheets, each with its crossings, normal, membership and coordinates."""
 
-from pcsg.leaf import solids
+from pcsg.leaf import polyhedra, sheets, solids, torus
 from pcsg.leaf.registry import LEAF_NAMES, LEAVES, Box, Solid, leaf
 
-__all__ = ["LEAF_NAMES", "LEAVES", "Box", "Solid", "leaf", "solids"]
+__all__ = ["LEAF_NAMES", "LEAVES", "Box", "Solid", "leaf", "polyhedra", "sheets", "solids", "torus"]

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from pcsg.vec import Ray, Vec3
 
-Pool = tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.int32]]
+Array = NDArray[np.float64]
+Pool = tuple[Array, NDArray[np.float32], NDArray[np.int32]]
 
 ALL, FIRST, ANY = 0, 1, 2
 """What a caller wants: all inside intervals on the whole line, the first crossing in
@@ -117,10 +118,10 @@ class Solid:
     def crossings(
         ray: Ray,
         want: int,
-        args: NDArray[np.float64],
+        args: Array,
         at: int,
         pool: Pool,
-        t: NDArray[np.float64],
+        t: Array,
         n: int,
     ) -> int:
         """Write where the ray enters and leaves into ``t[n:]`` and return the new length.
@@ -132,17 +133,17 @@ class Solid:
         raise NotImplementedError
 
     @staticmethod
-    def normal(p: Vec3, args: NDArray[np.float64], at: int, pool: Pool) -> Vec3:
+    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
         """Return the outward normal at a point of the surface; any length but zero."""
         raise NotImplementedError
 
     @staticmethod
-    def inside(p: Vec3, args: NDArray[np.float64], at: int, pool: Pool) -> bool:
+    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
         """Return whether the closed solid contains a point."""
         raise NotImplementedError
 
     @staticmethod
-    def uv(p: Vec3, args: NDArray[np.float64], at: int, pool: Pool) -> tuple[float, float]:
+    def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
         """Return surface coordinates of a point of the surface, for textures."""
         raise NotImplementedError
 

@@ -1,0 +1,101 @@
+"""Canonical triangles: sheets, which have a surface but no volume and contain no point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pcsg.jit import njit
+from pcsg.leaf.registry import Array, Pool, Solid, leaf
+from pcsg.leaf.registry import Box as Bounds
+from pcsg.leaf.solids import FLAT
+from pcsg.vec import Ray, Vec3
+
+EDGE = 1e-11
+"""Barycentric tolerance: triangles reach this much over their edges, so that no ray slips through
+between neighbours whose frames round differently. Their boxes include it."""
+
+ROUNDING = 1e-15
+"""What rounding may move a point of the plane z = 0, per distance of the origin: far triangles,
+and those seen edge-on, reach farther over their edges by it."""
+
+FAR = 1.0 + 2.0 * EDGE
+
+
+@njit(contract=True)
+def triangle_crossing(ray: Ray, sign: float, t: Array, n: int) -> int:
+    """Cross the triangle (0,0,0), (sign,0,0), (0,sign,0); its one crossing is written twice."""
+    if not abs(ray.dz) > FLAT:
+        return n
+    inv = 1.0 / ray.dz
+    s = (0.0 - ray.oz) * inv
+    u, v = sign * (ray.ox + s * ray.dx), sign * (ray.oy + s * ray.dy)
+    spread = (abs(ray.dx) + abs(ray.dy) + abs(ray.dz)) * abs(inv)
+    edge = EDGE + ROUNDING * (abs(ray.ox) + abs(ray.oy) + abs(ray.oz)) * spread
+    if u >= -edge and v >= -edge and u + v <= 1.0 + edge:
+        t[n], t[n + 1] = s, s
+        return n + 2
+    return n
+
+
+@leaf
+class Tri1(Solid):
+    """Triangle (0,0,0), (1,0,0), (0,1,0): a sheet without volume, whose normal is +z.
+
+    Surface coordinates: the barycentric ones of the second and the third corner.
+    """
+
+    bounds = Bounds((-EDGE, -EDGE, 0.0), (FAR, FAR, 0.0))
+    sheet = True
+
+    @classmethod
+    def support(cls, direction: Vec3, args: Sequence[float]) -> float:
+        x, y, _ = direction
+        return max(-EDGE * (x + y), FAR * x - EDGE * y, FAR * y - EDGE * x)
+
+    @staticmethod
+    def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
+        return triangle_crossing(ray, 1.0, t, n)
+
+    @staticmethod
+    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
+        return Vec3(0.0, 0.0, 1.0)
+
+    @staticmethod
+    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
+        return False
+
+    @staticmethod
+    def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
+        return p.x, p.y
+
+
+@leaf
+class Tri2(Solid):
+    """Triangle (0,0,0), (-1,0,0), (0,-1,0): a sheet without volume, whose normal is +z.
+
+    Surface coordinates: the barycentric ones of the second and the third corner.
+    """
+
+    bounds = Bounds((-FAR, -FAR, 0.0), (EDGE, EDGE, 0.0))
+    sheet = True
+
+    @classmethod
+    def support(cls, direction: Vec3, args: Sequence[float]) -> float:
+        x, y, z = direction
+        return Tri1.support(Vec3(-x, -y, z), args)
+
+    @staticmethod
+    def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
+        return triangle_crossing(ray, -1.0, t, n)
+
+    @staticmethod
+    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
+        return Vec3(0.0, 0.0, 1.0)
+
+    @staticmethod
+    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
+        return False
+
+    @staticmethod
+    def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
+        return -p.x, -p.y
