@@ -48,11 +48,18 @@ class Source:
 
 @dataclass(frozen=True)
 class SourceSpan:
-    """The characters ``[start, end)`` of a source."""
+    """The characters ``[start, end)`` of a source.
+
+    Attributes
+    ----------
+    body
+        Where a macro stands there: the place inside its body, which may hold a macro in turn.
+    """
 
     source: Source
     start: int
     end: int
+    body: SourceSpan | None = None
 
     @property
     def line(self) -> int:
@@ -136,11 +143,20 @@ class Diagnostic:
             lines.append(f"  expected: {self.expected}")
         if self.hint:
             lines.append(f"  help: {self.hint}")
-        for message, span in self.notes:
+        for message, span in self._all_notes():
             lines.append(f"  note: {f'{span}: ' if span else ''}{message}")
             if span:
                 lines.append(span.excerpt())
         return "\n".join(lines)
+
+    def _all_notes(self) -> list[tuple[str, SourceSpan | None]]:
+        """Return the notes, before them the bodies of the macros that the span comes from."""
+        found: list[tuple[str, SourceSpan | None]] = []
+        body = self.span.body if self.span else None
+        while body:
+            found.append(("in the body of the macro", body))
+            body = body.body
+        return [*found, *self.notes]
 
     def to_json(self) -> dict[str, Any]:
         """Return the diagnostic as an object that JSON can carry."""
@@ -151,7 +167,7 @@ class Diagnostic:
             **_place_json(self.span),
             "expected": self.expected,
             "hint": self.hint,
-            "notes": [{"message": text, **_place_json(span)} for text, span in self.notes],
+            "notes": [{"message": text, **_place_json(span)} for text, span in self._all_notes()],
         }
 
 
