@@ -1,0 +1,575 @@
+"""The paper's algorithm: a ray walks the cyclic graph itself.
+
+Section 3 of Gervautz and Traxler. Selections are evaluated, calculations run on an array of
+parameters, transformations map the ray by inverse matrices, and a chain of references to them is
+kept for the normal of the first hit (fig 4). Hyper-bounding boxes end what the ray misses.
+
+Below unions only, the walker keeps the first crossing it has found and shrinks the ray to it.
+Below intersections and differences, and for whole intervals, it builds lists of events and merges
+them. Both are defined by ``docs/solids.md``. Memory is proportional to the depth of the recursion
+(and, for lists, to the number of events).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.graph.operators import DIFFERENCE, INTERSECTION, UNION
+from pcsg.graph.tape import run
+from pcsg.graph.transforms import evaluate_transform
+from pcsg.jit import njit
+from pcsg.leaf.dispatch import leaf_crossings, leaf_inside
+from pcsg.leaf.registry import ALL, ANY, Pool
+from pcsg.trace.merge import CROSSING, SHEET, TABLES, merge, tolerance
+from pcsg.trace.tables import (
+    CALCULATION,
+    CONSTANT_MATRIX,
+    LEAF,
+    MATRIX,
+    MAX_LEAF_ARGS,
+    SELECTION,
+    Tables,
+)
+from pcsg.vec import (
+    IDENTITY,
+    Affine,
+    Ray,
+    Vec3,
+    compose,
+    invert,
+    load_affine,
+    store_affine,
+    transform_point,
+    transform_ray,
+)
+
+# How a walk ends. The first two are the tape's; those from FRAMES_FULL on ask for larger arrays.
+OK, NOT_FINITE, UNASSIGNED = 0, 1, 2
+SELECTION_RANGE, SINGULAR, BAD_ARGUMENT, TOO_DEEP = 3, 4, 5, 6
+FRAMES_FULL, CHAIN_FULL, EVENTS_FULL, RECORDS_FULL = 7, 8, 9, 10
+
+# Ways of walking.
+SHRINK, LIST, MEMBERSHIP = 0, 1, 2
+
+_UNION, _INTERSECTION, _DIFFERENCE = UNION.kind, INTERSECTION.kind, DIFFERENCE.kind
+_N_ATTRIBUTES = 7
+_SHRUNK_ORIGIN = 2.0**52
+_SHRUNK_DIRECTION = 1e150
+
+# Fields of a frame, a chain entry and a record.
+_F_NODE, _F_NEXT, _F_CHAIN, _F_FLIP, _F_DEPTH = 0, 1, 2, 3, 4
+_F_CHAIN_TOP, _F_RECORD_TOP, _F_START, _F_MIDDLE, _F_LISTS = 5, 6, 7, 8, 9
+_FRAME = 10
+_STATE = 9
+RECORD = 6 + _N_ATTRIBUTES + MAX_LEAF_ARGS
+
+
+class Scratch(NamedTuple):
+    """Working space of one thread.
+
+    Attributes
+    ----------
+    frames : int32 (F * 10,)
+        Operations that wait for further operands: what `_F_NODE`... name.
+    states : float64 (F * (9 + P),)
+        Ray (6), the world origin in the local frame (3) and parameters of the frames.
+    chain : int32 (C * 3,)
+        Parent, node and rule of the selections and transformations on the way.
+    chain_matrices : float64 (C * 12,)
+        local_from_parent of transformations.
+    event_t, event_about : float64 (E,), int32 (2 E,)
+        Lists of events: t; record and kind.
+    merged_t, merged_about
+        The same for results of merging.
+    records : float64 (R * RECORD,)
+        What is known of a surface: local ray (6), attributes (7), arguments of the leaf.
+    record_about : int32 (R * 3,)
+        Its leaf node, end of its chain, whether it is flipped.
+    params : float64 (P,)
+        Present values.
+    stack : float64
+        The tape's stack.
+    t : float64 (T,)
+        Crossings of one leaf.
+    best : float64 (13,)
+        t and local_from_world of the first hit.
+    fault : int32 (3,)
+        Node, instruction and end of the chain where a fault was found.
+    """
+
+    frames: NDArray[np.int32]
+    states: NDArray[np.float64]
+    chain: NDArray[np.int32]
+    chain_matrices: NDArray[np.float64]
+    event_t: NDArray[np.float64]
+    event_about: NDArray[np.int32]
+    merged_t: NDArray[np.float64]
+    merged_about: NDArray[np.int32]
+    records: NDArray[np.float64]
+    record_about: NDArray[np.int32]
+    params: NDArray[np.float64]
+    stack: NDArray[np.float64]
+    t: NDArray[np.float64]
+    best: NDArray[np.float64]
+    fault: NDArray[np.int32]
+
+
+@njit
+def misses_box(boxes: NDArray[np.float64], at: int, ray: Ray, low: float, high: float) -> bool:
+    """Return whether a ray passes a box by between two parameters, allowing for rounding."""
+    t0 = low
+    t1 = high
+    for k in range(3):
+        o = ray[k]
+        d = ray[3 + k]
+        lower = boxes[at + k]
+        upper = boxes[at + 3 + k]
+        if d == 0.0:
+            if o < lower or o > upper:
+                return True
+            continue
+        i = 1.0 / d
+        near = (lower - o) * i
+        far = (upper - o) * i
+        if near > far:
+            near, far = far, near
+        if near > t0:
+            t0 = near
+        if far < t1:
+            t1 = far
+    return t0 - t1 > 1e-14 * max(abs(t0), abs(t1)) or lower > upper
+
+
+@njit
+def chain_map(
+    kind_of: NDArray[np.int32],
+    detail_of: NDArray[np.int32],
+    matrices: NDArray[np.float64],
+    chain_of: NDArray[np.int32],
+    chain_matrices: NDArray[np.float64],
+    end: int,
+) -> Affine:
+    """Return local_from_world of a chain of transformations (fig 4 of the paper)."""
+    m = IDENTITY
+    while end >= 0:
+        node = chain_of[3 * end + 1]
+        if kind_of[node] == CONSTANT_MATRIX:
+            m = compose(m, load_affine(matrices, detail_of[node]))
+        elif kind_of[node] == MATRIX:
+            m = compose(m, load_affine(chain_matrices, 12 * end))
+        end = chain_of[3 * end]
+    return m
+
+
+@njit
+def _write_record(
+    records: NDArray[np.float64],
+    at: int,
+    ray: Ray,
+    params: NDArray[np.float64],
+    attribute_slot: int,
+    args: NDArray[np.float64],
+    args_at: int,
+    arity: int,
+) -> None:
+    """Keep what the shading of a leaf's surface needs."""
+    for k in range(6):
+        records[at + k] = ray[k]
+    for k in range(_N_ATTRIBUTES):
+        records[at + 6 + k] = params[attribute_slot + k]
+    for k in range(arity):
+        records[at + 6 + _N_ATTRIBUTES + k] = args[args_at + k]
+
+
+@njit
+def _describe_record(
+    record_about: NDArray[np.int32], record: int, node: int, chain: int, flip: int
+) -> None:
+    record_about[3 * record] = node
+    record_about[3 * record + 1] = chain
+    record_about[3 * record + 2] = flip
+
+
+@njit
+def copy_record(records: NDArray[np.float64], record_about: NDArray[np.int32], record: int) -> None:
+    """Make a record the one of the first hit."""
+    for j in range(RECORD):
+        records[j] = records[record * RECORD + j]
+    for j in range(3):
+        record_about[j] = record_about[3 * record + j]
+
+
+@njit
+def _args_are_legal(
+    low: NDArray[np.float64], high: NDArray[np.float64], at: int, args: NDArray[np.float64], n: int
+) -> bool:
+    """Return whether n arguments of a leaf are in their ranges."""
+    for k in range(n):
+        if args[k] < low[at + k] or args[k] > high[at + k]:
+            return False
+    return True
+
+
+@njit
+def walk(
+    tables: Tables, pool: Pool, scratch: Scratch, way: int, want: int, world: Ray
+) -> tuple[int, int]:
+    """Walk the graph with one ray.
+
+    Parameters
+    ----------
+    way
+        SHRINK: keep the first crossing only. LIST: build the list of all events in about
+        [tmin, tmax]. MEMBERSHIP: as LIST, with everything or nothing for leaves that contain the
+        ray's origin or do not.
+    want
+        For SHRINK: FIRST or ANY.
+    world
+        The ray in world coordinates.
+
+    Returns
+    -------
+    status, n
+        OK or what went wrong. For SHRINK, n is 1 if record 0 and `Scratch.best` hold a hit, 0 for
+        a miss, -1 if the ray starts inside or on a solid, so that only a list can tell. For LIST
+        and MEMBERSHIP the number of events.
+    """
+    kind_of, detail_of, code_at = tables.kind, tables.detail, tables.code_at
+    first, count, edges = tables.first, tables.degree, tables.edges
+    boxed, boxes = tables.boxed, tables.boxes
+    code, constants, code_stack = tables.code, tables.constants, scratch.stack
+    matrices, forwards = tables.matrices, tables.forwards
+    frame_slot, attribute_slot = tables.frame_slot, tables.attribute_slot
+    frames, states = scratch.frames, scratch.states
+    chain_of, chain_matrices = scratch.chain, scratch.chain_matrices
+    event_t, event_about = scratch.event_t, scratch.event_about
+    records, record_about = scratch.records, scratch.record_about
+    params, ends, first_hit, fault = scratch.params, scratch.t, scratch.best, scratch.fault
+    n_params = len(tables.initial)
+    width = _STATE + n_params
+    max_frames = len(frames) // _FRAME
+    max_chain = len(chain_of) // 3
+    max_events = len(event_t)
+    max_records = len(record_about) // 3
+    for k in range(n_params):
+        params[k] = tables.initial[k]
+
+    near = world.tmin - 2.0 * tolerance(world.tmin)
+    far = world.tmax + 2.0 * tolerance(world.tmax)
+    best = far
+    found = 0
+    ray = world
+    origin = Vec3(0.0, 0.0, 0.0)
+    node = 0
+    chain = -1
+    chain_top = 0
+    record_top = 1
+    event_top = 0
+    flip = 0
+    depth = 0
+    frame_top = 0
+    lists = way != SHRINK
+
+    while True:
+        # Down to a leaf, or to something empty.
+        while True:
+            kind = kind_of[node]
+            if boxed[node] == 1:
+                if way == MEMBERSHIP:
+                    at = 6 * node
+                    if not (
+                        boxes[at] <= ray.ox <= boxes[at + 3]
+                        and boxes[at + 1] <= ray.oy <= boxes[at + 4]
+                        and boxes[at + 2] <= ray.oz <= boxes[at + 5]
+                    ):
+                        break
+                elif misses_box(boxes, 6 * node, ray, near, best):
+                    break
+            if kind == SELECTION:
+                depth += 1
+                if depth > tables.depth_limit:
+                    _note(fault, node, -1, chain)
+                    return TOO_DEEP, 0
+                if (
+                    max(abs(origin.x), abs(origin.y), abs(origin.z)) > _SHRUNK_ORIGIN
+                    or max(abs(ray.dx), abs(ray.dy), abs(ray.dz)) > _SHRUNK_DIRECTION
+                ):
+                    break
+            if code_at[node] >= 0:
+                status, at = run(code, constants, code_at[node], frame_slot, params, 0, code_stack)
+                if status != OK:
+                    _note(fault, node, at, chain)
+                    return status, 0
+            if kind == SELECTION:
+                rule = np.rint(scratch.stack[0])
+                if not (rule >= 1.0 and rule <= count[node]):
+                    _note(fault, node, -1, chain)
+                    return SELECTION_RANGE, 0
+                below = edges[first[node] + int(rule) - 1]
+                if below < 0:
+                    _note(fault, node, -1, chain)
+                    return SELECTION_RANGE, 0
+                if chain_top == max_chain:
+                    return CHAIN_FULL, 0
+                chain_of[3 * chain_top] = chain
+                chain_of[3 * chain_top + 1] = node
+                chain_of[3 * chain_top + 2] = int(rule)
+                chain = chain_top
+                chain_top += 1
+                node = below
+            elif kind == CALCULATION:
+                node = edges[first[node]]
+            elif kind in (CONSTANT_MATRIX, MATRIX):
+                if chain_top == max_chain:
+                    return CHAIN_FULL, 0
+                if kind == CONSTANT_MATRIX:
+                    forward = load_affine(forwards, detail_of[node])
+                    inverse = load_affine(matrices, detail_of[node])
+                else:
+                    forward = evaluate_transform(detail_of[node], code_stack)
+                    inverse, regular = invert(forward)
+                    if not regular:
+                        _note(fault, node, -1, chain)
+                        return SINGULAR, 0
+                    store_affine(chain_matrices, 12 * chain_top, inverse)
+                if frame_slot >= 0:
+                    frame = load_affine(params, frame_slot)
+                    store_affine(params, frame_slot, compose(frame, forward))
+                chain_of[3 * chain_top] = chain
+                chain_of[3 * chain_top + 1] = node
+                chain_of[3 * chain_top + 2] = 0
+                chain = chain_top
+                chain_top += 1
+                ray = transform_ray(inverse, ray)
+                origin = transform_point(inverse, origin)
+                node = edges[first[node]]
+            elif kind == LEAF:
+                solid = detail_of[node]
+                args = tables.args
+                args_at = tables.args_at[node]
+                arity = tables.arity[solid]
+                if code_at[node] >= 0:
+                    args = code_stack
+                    args_at = 0
+                    at = solid * MAX_LEAF_ARGS
+                    if not _args_are_legal(tables.low, tables.high, at, args, arity):
+                        _note(fault, node, -1, chain)
+                        return BAD_ARGUMENT, 0
+                sheet = tables.sheet[solid] == 1
+                if way == MEMBERSHIP:
+                    n = 0
+                    point = Vec3(ray.ox, ray.oy, ray.oz)
+                    if leaf_inside(solid, point, args, args_at, pool):
+                        ends[0], ends[1] = -math.inf, math.inf
+                        n = 2
+                else:
+                    n = leaf_crossings(solid, ray, ALL, args, args_at, pool, ends, 0)
+                used = False
+                for k in range(0, n, 2):
+                    lo, hi = ends[k], ends[k + 1]
+                    if hi <= lo and not sheet:
+                        continue
+                    if lists:
+                        if lo > best or hi < near:
+                            continue
+                        if event_top + 2 > max_events:
+                            return EVENTS_FULL, 0
+                        if record_top == max_records:
+                            return RECORDS_FULL, 0
+                        event_t[event_top] = lo
+                        event_about[2 * event_top] = record_top
+                        event_about[2 * event_top + 1] = SHEET if sheet else CROSSING
+                        event_top += 1
+                        if not sheet:
+                            event_t[event_top] = hi
+                            event_about[2 * event_top] = record_top
+                            event_about[2 * event_top + 1] = CROSSING
+                            event_top += 1
+                        used = True
+                        continue
+                    if not sheet and hi < near:
+                        continue
+                    if not sheet and lo <= world.tmin + tolerance(world.tmin):
+                        return OK, -1
+                    if lo < world.tmin or lo > world.tmax:
+                        continue
+                    if found == 0 or lo < best - tolerance(best):
+                        found = 1
+                        first_hit[0] = lo
+                        _write_record(records, 0, ray, params, attribute_slot, args, args_at, arity)
+                        _describe_record(record_about, 0, node, chain, flip)
+                        m = chain_map(kind_of, detail_of, matrices, chain_of, chain_matrices, chain)
+                        store_affine(first_hit, 1, m)
+                        best = lo
+                        if want == ANY:
+                            # Only a solid about the start could still hide it.
+                            best = world.tmin + tolerance(world.tmin)
+                    break
+                if used:
+                    at = record_top * RECORD
+                    _write_record(records, at, ray, params, attribute_slot, args, args_at, arity)
+                    _describe_record(record_about, record_top, node, chain, flip)
+                    record_top += 1
+                break
+            else:
+                # Into the first operand; a frame waits with what the others need.
+                if frame_top == max_frames:
+                    return FRAMES_FULL, 0
+                at = frame_top * _FRAME
+                frames[at + _F_NODE] = node
+                frames[at + _F_NEXT] = 1
+                frames[at + _F_CHAIN] = chain
+                frames[at + _F_FLIP] = flip
+                frames[at + _F_DEPTH] = depth
+                frames[at + _F_CHAIN_TOP] = chain_top
+                frames[at + _F_RECORD_TOP] = record_top
+                frames[at + _F_START] = event_top
+                frames[at + _F_MIDDLE] = event_top
+                frames[at + _F_LISTS] = 1 if lists else 0
+                _save(states, frame_top * width, ray, origin, params, n_params)
+                frame_top += 1
+                if detail_of[node] != _UNION:
+                    lists = True
+                node = edges[first[node]]
+
+        # Up to the next operation that has operands left.
+        resumed = False
+        while frame_top > 0:
+            top = (frame_top - 1) * _FRAME
+            node = frames[top + _F_NODE]
+            operator = detail_of[node]
+            done = frames[top + _F_NEXT]
+            start = frames[top + _F_START]
+            middle = frames[top + _F_MIDDLE]
+            if not lists:
+                chain_top = frames[top + _F_CHAIN_TOP]
+            else:
+                if done > 1 and event_top > middle > start:
+                    n = merge(
+                        TABLES[operator],
+                        event_t,
+                        event_about,
+                        start,
+                        middle,
+                        middle,
+                        event_top,
+                        scratch.merged_t,
+                        scratch.merged_about,
+                    )
+                    for k in range(n):
+                        event_t[start + k] = scratch.merged_t[k]
+                        event_about[2 * (start + k)] = scratch.merged_about[2 * k]
+                        event_about[2 * (start + k) + 1] = scratch.merged_about[2 * k + 1]
+                    event_top = start + n
+                elif done > 1 and event_top == middle and operator == _INTERSECTION:
+                    event_top = start
+                if event_top == start:
+                    chain_top = frames[top + _F_CHAIN_TOP]
+                    record_top = frames[top + _F_RECORD_TOP]
+                    if operator != _UNION:
+                        done = count[node]
+            if done < count[node]:
+                chain = frames[top + _F_CHAIN]
+                flip = frames[top + _F_FLIP]
+                depth = frames[top + _F_DEPTH]
+                ray, origin = _restore(states, (frame_top - 1) * width, world, params, n_params)
+                frames[top + _F_NEXT] = done + 1
+                frames[top + _F_MIDDLE] = event_top
+                if operator == _DIFFERENCE:
+                    flip = 1 - flip
+                if not lists and done + 1 == count[node]:
+                    frame_top -= 1
+                node = edges[first[node] + done]
+                resumed = True
+                break
+            frame_top -= 1
+            if lists and frames[top + _F_LISTS] == 0:
+                # The outermost operation with lists is complete: its first event counts.
+                lists = False
+                inside = False
+                for k in range(event_top):
+                    t = event_t[k]
+                    sheet = event_about[2 * k + 1] == SHEET
+                    if not sheet:
+                        inside = not inside
+                        starts_within = inside and t <= world.tmin + tolerance(world.tmin)
+                        if starts_within and event_t[_leave(event_about, k)] >= near:
+                            return OK, -1
+                    if t < world.tmin or t > world.tmax:
+                        continue
+                    if found == 0 or t < best - tolerance(best):
+                        found = 1
+                        first_hit[0] = t
+                        copy_record(records, record_about, event_about[2 * k])
+                        end = record_about[1]
+                        m = chain_map(kind_of, detail_of, matrices, chain_of, chain_matrices, end)
+                        store_affine(first_hit, 1, m)
+                        best = t
+                        if want == ANY:
+                            best = world.tmin + tolerance(world.tmin)
+                    break
+                event_top = 0
+                record_top = 1
+                chain_top = frames[top + _F_CHAIN_TOP]
+        if not resumed:
+            return OK, (event_top if way != SHRINK else found)
+
+
+@njit
+def _leave(event_about: NDArray[np.int32], k: int) -> int:
+    """Return the event that leaves what event k enters."""
+    k += 1
+    while event_about[2 * k + 1] == SHEET:
+        k += 1
+    return k
+
+
+@njit
+def _note(fault: NDArray[np.int32], node: int, instruction: int, chain: int) -> None:
+    fault[0] = node
+    fault[1] = instruction
+    fault[2] = chain
+
+
+@njit
+def _save(
+    states: NDArray[np.float64],
+    at: int,
+    ray: Ray,
+    origin: Vec3,
+    params: NDArray[np.float64],
+    n_params: int,
+) -> None:
+    for k in range(6):
+        states[at + k] = ray[k]
+    for k in range(3):
+        states[at + 6 + k] = origin[k]
+    for k in range(n_params):
+        states[at + _STATE + k] = params[k]
+
+
+@njit
+def _restore(
+    states: NDArray[np.float64],
+    at: int,
+    world: Ray,
+    params: NDArray[np.float64],
+    n_params: int,
+) -> tuple[Ray, Vec3]:
+    for k in range(n_params):
+        params[k] = states[at + _STATE + k]
+    ray = Ray(
+        states[at],
+        states[at + 1],
+        states[at + 2],
+        states[at + 3],
+        states[at + 4],
+        states[at + 5],
+        world.tmin,
+        world.tmax,
+    )
+    return ray, Vec3(states[at + 6], states[at + 7], states[at + 8])
