@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import linecache
 import tempfile
+import types
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -89,6 +90,26 @@ def njit(
             return numba.njit(nogil=True, cache=True, **options)(plain)
 
     return compile_lazily if function is None else compile_lazily(function)
+
+
+@cache
+def plain(kernel: Any) -> Callable[..., Any]:
+    """Return the Python twin of a kernel.
+
+    It runs the same source and calls twins only, so that evaluating in Python compiles nothing.
+    """
+    function: types.FunctionType = getattr(kernel, "py_func", kernel)
+    scope = dict(function.__globals__)
+    for name in function.__code__.co_names:
+        if hasattr(scope.get(name), "py_func"):
+            scope[name] = plain(scope[name])
+    return types.FunctionType(
+        function.__code__,
+        scope,
+        function.__name__,
+        function.__defaults__,
+        function.__closure__,
+    )
 
 
 def build_ladder(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pcsg.errors import SourceSpan
 from pcsg.graph.expr import Apply, Expr, Number, Parameter, operands
 from pcsg.graph.functions import FUNCTIONS, Form
-from pcsg.jit import build_ladder, njit
+from pcsg.jit import build_ladder, njit, plain
 from pcsg.vec import Affine, Vec3, load_affine
 
 # Operation codes. An instruction is three int32: code, a, b.
@@ -335,7 +335,7 @@ class Program:
     def _apply(self, op: int, a: int, b: int, stack: list[float], params: list[float]) -> float:
         """Pop the arguments of a function and return its value, NaN where it has none."""
         form = _FORM_OF_CODE[op]
-        kernel = _BY_FORM[form][a].kernel.py_func
+        kernel = plain(_BY_FORM[form][a].kernel)
         count = {UNARY: 1, BINARY: 2, TERNARY: 3, WORLD: 3}.get(op, b & 0xFFFF)
         args = stack[len(stack) - count :]
         del stack[len(stack) - count :]

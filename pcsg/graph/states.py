@@ -1,0 +1,473 @@
+"""States of a graph: what a module looks like for given values of its live parameters.
+
+A *state* is a module together with the values of the parameters that are live there. Unrolling the
+cyclic graph over states gives a graph without cycles and with constant matrices, as small as the
+derivation is regular: Sierpinski's tetrahedron of order n has n + 1 states.
+
+The right-hand side of a state is kept twice: as `State.content`, its items with their matrices,
+and as `State.steps`, one for every node visited on the way, which the hyper-bounding boxes need.
+Both are in postfix order, flat, so that nesting costs no recursion and equal contents compare
+equal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from struct import Struct
+from typing import NamedTuple
+
+from pcsg.errors import Diagnostic
+from pcsg.graph.attributes import ATTRIBUTE_SLOTS
+from pcsg.graph.code import GraphCode, NodeFault, compose_affine, invert_affine
+from pcsg.graph.faults import DEPTH_LIMIT, fault_diagnostic
+from pcsg.graph.graph import Graph
+from pcsg.graph.liveness import Liveness, successors_first
+from pcsg.graph.nodes import Leaf, Operation, Selection, Transformation
+from pcsg.graph.operators import UNION, Operator
+from pcsg.vec import IDENTITY, Affine
+
+BUDGET = 20_000
+"""States that are enumerated unless the caller says otherwise."""
+
+STEPS_PER_STATE = 10
+"""The budget of node visits, per state of the budget of states."""
+
+DIAGNOSTICS_LIMIT = 20
+"""Faults that are reported; each place in the text once."""
+
+
+class LeafItem(NamedTuple):
+    """A primitive in the frame of a state; `attributes` in the order of ATTRIBUTE_SLOTS."""
+
+    state_from_leaf: Affine
+    node: int
+    args: tuple[float, ...]
+    attributes: tuple[float, ...]
+
+
+class StateItem(NamedTuple):
+    """Another state in the frame of a state."""
+
+    state_from_child: Affine
+    state: int
+
+
+class Combine(NamedTuple):
+    """The operator applied to the `arity` solids before it; a union of none is empty."""
+
+    operator: Operator
+    arity: int
+
+
+Item = LeafItem | StateItem | Combine
+
+
+class LeafStep(NamedTuple):
+    """A visit to a leaf."""
+
+    node: int
+    args: tuple[float, ...]
+
+
+class StateStep(NamedTuple):
+    """A visit to a module, where another state begins."""
+
+    node: int
+    state: int
+
+
+class UnaryStep(NamedTuple):
+    """A visit to a transformation (with its matrix), a calculation or an attribute."""
+
+    node: int
+    outer_from_inner: Affine | None
+
+
+class OperationStep(NamedTuple):
+    """A visit to an operator with `arity` operands."""
+
+    node: int
+    operator: Operator
+    arity: int
+
+
+Step = LeafStep | StateStep | UnaryStep | OperationStep
+
+
+@dataclass(slots=True)
+class State:
+    """A module with the values of its live parameters.
+
+    Attributes
+    ----------
+    node
+        Number of the selection node; the root for the axiom, which is state 0. A large expression
+        that is shared in the text begins a state too, so that no state is larger than its text.
+    values
+        Of the slots that are live there, in the order of `Liveness.slots`.
+    parent
+        The state that found it first, -1 for the axiom.
+    rule
+        Number of the rule taken, 0 where there is no choice to take.
+    content
+        Its expanded right-hand side, postfix; None where the budget ended before it.
+    steps
+        The nodes visited on the way, postfix.
+    """
+
+    node: int
+    values: tuple[float, ...]
+    parent: int
+    rule: int = 0
+    content: tuple[Item, ...] | None = None
+    steps: tuple[Step, ...] = ()
+
+
+@dataclass
+class StateGraph:
+    """The states that the axiom reaches.
+
+    Attributes
+    ----------
+    graph
+        The graph that was unrolled.
+    states
+        All of them, the axiom first.
+    finite
+        Whether the budget sufficed.
+    acyclic
+        Whether no state contains itself; one that does never ends.
+    diagnostics
+        Faults found on the way.
+    """
+
+    graph: Graph
+    states: list[State]
+    finite: bool = True
+    acyclic: bool = True
+    diagnostics: list[Diagnostic] = field(default_factory=list)
+
+    @property
+    def count(self) -> int:
+        """Number of states without the axiom."""
+        return len(self.states) - 1
+
+    @cached_property
+    def successors(self) -> tuple[tuple[int, ...], ...]:
+        """States that every state contains, each once."""
+        return tuple(
+            tuple(dict.fromkeys(s.state for s in state.steps if isinstance(s, StateStep)))
+            for state in self.states
+        )
+
+    @cached_property
+    def children_first(self) -> list[int]:
+        """Numbers of the states, each after those it contains where there is no cycle."""
+        return successors_first(self.successors)
+
+    def path(self, index: int) -> list[tuple[str, int]]:
+        """Return modules and rules from the axiom to a state."""
+        return [self._link(k) for k in self._chain(index) if self._is_selection(k)]
+
+    def _chain(self, index: int) -> list[int]:
+        chain = []
+        while index > 0:
+            chain.append(index)
+            index = self.states[index].parent
+        return chain[::-1]
+
+    def _link(self, index: int) -> tuple[str, int]:
+        state = self.states[index]
+        node = self.graph.nodes[state.node]
+        assert isinstance(node, Selection)
+        return node.name, state.rule
+
+    def _is_selection(self, index: int) -> bool:
+        return index > 0 and isinstance(self.graph.nodes[self.states[index].node], Selection)
+
+
+def enumerate_states(
+    graph: Graph,
+    globals_values: Mapping[str, float] | None = None,
+    budget: int = BUDGET,
+    depth_limit: int = 10_000,
+) -> StateGraph:
+    """Unroll a graph over its states.
+
+    Parameters
+    ----------
+    globals_values
+        Values of SEED, TIME and the like; by default those of `GLOBALS`.
+    budget
+        Most states; it bounds the visits to nodes too, by STEPS_PER_STATE each.
+    depth_limit
+        Most selections on a path.
+
+    Returns
+    -------
+    StateGraph
+        With `finite` False where the budget ended first, and with the faults met.
+    """
+    unroller = _Unroller(graph, globals_values, budget)
+    unroller.run()
+    _check_depth(unroller.found, depth_limit)
+    return unroller.found
+
+
+class _Unroller:
+    """Enumerates states depth first, so that endless recursion shows itself by its depth."""
+
+    def __init__(
+        self, graph: Graph, globals_values: Mapping[str, float] | None, budget: int
+    ) -> None:
+        self.graph = graph
+        self.liveness = Liveness(graph)
+        self.code = GraphCode(graph, self.liveness)
+        self.cuts = cuts(graph)
+        self.budget = budget
+        self.found = StateGraph(graph, [State(0, (), -1)])
+        self.initial = self.code.initial(globals_values)
+        self.unassigned = [math.nan] * len(self.initial)
+        self.attributes = [self.code.slots[name] for name in ATTRIBUTE_SLOTS]
+        self.index: dict[tuple[int, bytes], int] = {}
+        self.pending: list[int] = []
+        self.pack = {k: Struct(f"{len(s)}d").pack for k, s in enumerate(self.liveness.slots)}
+        self.reported: set[object] = set()
+        self.frame_mask = 1 << self.code.frame_slot if self.code.frame_slot >= 0 else 0
+
+    def run(self) -> None:
+        """Expand states until none is left or the budget is spent."""
+        states = self.found.states
+        visits = 0
+        todo = [0]
+        while todo:
+            k = todo.pop()
+            self.pending.clear()
+            self._expand(k)
+            visits += len(states[k].steps)
+            todo.extend(reversed(self.pending))
+            if todo and (len(states) > self.budget or visits > STEPS_PER_STATE * self.budget):
+                self.found.finite = False
+                return
+
+    def _expand(self, k: int) -> None:
+        """Fill in the content of a state."""
+        state = self.found.states[k]
+        params = self.initial.copy() if k == 0 else self.unassigned.copy()
+        for slot, value in zip(self.liveness.slots[state.node], state.values, strict=False):
+            params[slot] = value
+        start = state.node
+        content: list[Item] = []
+        steps: list[Step] = []
+        state.content = ()
+        if k > 0 and isinstance(self.graph.nodes[start], Selection):
+            try:
+                start = self._take_rule(state, params)
+            except NodeFault as fault:
+                self._report(fault, k, params)
+                return
+        if k > 0 and start == state.node:
+            self._visit(k, start, params, content, steps, opened=start)
+        else:
+            self._visit(k, start, params, content, steps)
+        state.content, state.steps = tuple(content), tuple(steps)
+
+    def _take_rule(self, state: State, params: list[float]) -> int:
+        node = self.graph.nodes[state.node]
+        assert isinstance(node, Selection)
+        state.rule = self.code.select(state.node, params)
+        return self.graph.number[node.rules[state.rule]]
+
+    def _visit(
+        self,
+        k: int,
+        start: int,
+        params: list[float],
+        content: list[Item],
+        steps: list[Step],
+        opened: int = -1,
+    ) -> None:
+        """Walk a right-hand side; what a branch assigns stays in the branch."""
+        graph, code = self.graph, self.code
+        stack: list[tuple[int, list[float], Affine] | Step] = [(start, params, IDENTITY)]
+        while stack:
+            entry = stack.pop()
+            if isinstance(entry, (UnaryStep, OperationStep)):
+                steps.append(entry)
+                if isinstance(entry, OperationStep):
+                    content.append(Combine(entry.operator, entry.arity))
+                continue
+            n, params, matrix = entry  # type: ignore[misc]
+            node = graph.nodes[n]
+            if n in self.cuts and n != opened:
+                child = self._intern(n, params, k)
+                steps.append(StateStep(n, child))
+                content.append(StateItem(matrix, child))
+                continue
+            opened = -1
+            try:
+                if isinstance(node, Leaf):
+                    args = code.leaf_arguments(n, params)
+                    attributes = tuple(params[a] for a in self.attributes)
+                    steps.append(LeafStep(n, args))
+                    content.append(LeafItem(matrix, n, args, attributes))
+                elif isinstance(node, Operation):
+                    below = graph.successors[n]
+                    stack.append(OperationStep(n, node.operator, len(below)))
+                    stack.extend((s, params, matrix) for s in reversed(below))
+                elif isinstance(node, Transformation):
+                    (s,) = graph.successors[n]
+                    m = code.matrix(n, params)
+                    if self.liveness.masks[s] & self.frame_mask:
+                        params = code.frame_below(params, m)
+                    stack.append(UnaryStep(n, m))
+                    stack.append((s, params, compose_affine(matrix, m)))
+                else:
+                    (s,) = graph.successors[n]
+                    stack.append(UnaryStep(n, None))
+                    stack.append((s, code.assign(n, params), matrix))
+            except NodeFault as fault:
+                self._report(fault, k, params)
+                steps.append(OperationStep(n, UNION, 0))
+                content.append(Combine(UNION, 0))
+
+    def _intern(self, n: int, params: list[float], parent: int) -> int:
+        """Return the number of a state, a new one if it was not met before."""
+        values = tuple([params[slot] for slot in self.liveness.slots[n]])
+        key = n, self.pack[n](*values)
+        k = self.index.get(key)
+        if k is None:
+            k = self.index[key] = len(self.found.states)
+            self.found.states.append(State(n, values, parent))
+            self.pending.append(k)
+        return k
+
+    def _report(self, fault: NodeFault, k: int, params: list[float]) -> None:
+        # One report for each place in the text, however many states meet it.
+        place = (fault.kind, fault.node, fault.span)
+        if place in self.reported or len(self.found.diagnostics) >= DIAGNOSTICS_LIMIT:
+            return
+        self.reported.add(place)
+        values = {name: params[self.code.slots[name]] for name in self.graph.parameters}
+        path = self.found.path(k)
+        self.found.diagnostics.append(
+            fault_diagnostic(
+                fault.kind, self.graph, fault.node, fault.span, path, values, fault.detail
+            )
+        )
+
+
+_SHARED_SIZE = 1000
+
+
+def cuts(graph: Graph) -> set[int]:
+    """Return the nodes where states begin: modules, and large expressions that are shared.
+
+    Definitions of definitions could otherwise grow exponentially within one state.
+    """
+    found = {k for k, node in enumerate(graph.nodes) if isinstance(node, Selection)}
+    uses = [0] * len(graph.nodes)
+    for below in graph.successors:
+        for s in below:
+            uses[s] += 1
+    size = [1] * len(graph.nodes)
+    for k in successors_first(graph.successors):
+        if k in found:
+            continue
+        size[k] = 1 + sum(size[s] for s in graph.successors[k])
+        if uses[k] > 1 and size[k] > _SHARED_SIZE:
+            found.add(k)
+            size[k] = 1
+    return found
+
+
+def _check_depth(found: StateGraph, limit: int) -> None:
+    """Report a path with more selections than allowed, and recursion without end.
+
+    A frame that shrinks below rounding on the way ends the recursion and is no fault.
+    """
+    position = {k: i for i, k in enumerate(found.children_first)}
+    for k in found.children_first:
+        back = [s for s in found.successors[k] if position[s] >= position[k]]
+        if back:
+            found.acyclic = False
+            chain = found._chain(back[0])
+            cycle = _way(found, back[0], k)
+            rounds = 1 + limit // max(1, sum(found._is_selection(s) for s in cycle))
+            _report_depth(found, chain + (cycle[1:] + cycle[:1]) * rounds, limit)
+            return
+    depth = [0] * len(found.states)
+    deepest = [-1] * len(found.states)
+    for k in found.children_first:
+        for s in found.successors[k]:
+            if deepest[k] < 0 or depth[s] > depth[deepest[k]]:
+                deepest[k] = s
+        below = depth[deepest[k]] if deepest[k] >= 0 else 0
+        depth[k] = below + found._is_selection(k)
+    if depth[0] > limit:
+        chain, k = [], deepest[0]
+        while k >= 0:
+            chain.append(k)
+            k = deepest[k]
+        _report_depth(found, chain, limit)
+
+
+def _way(found: StateGraph, start: int, end: int) -> list[int]:
+    """Return a way from one state to another, both included."""
+    before = {start: start}
+    queue = [start]
+    for k in queue:
+        if k == end:
+            break
+        for s in found.successors[k]:
+            if s not in before:
+                before[s] = k
+                queue.append(s)
+    way = [end]
+    while way[-1] != start:
+        way.append(before[way[-1]])
+    return way[::-1]
+
+
+def _report_depth(found: StateGraph, chain: list[int], limit: int) -> None:
+    """Report a chain of states that exceeds the limit, unless its frame shrinks to nothing."""
+    local_from_world = IDENTITY
+    path: list[tuple[str, int]] = []
+    above = 0
+    for k in chain:
+        content = found.states[above].content or ()
+        item = next(i for i in content if isinstance(i, StateItem) and i.state == k)
+        local_from_world = compose_affine(invert_affine(item.state_from_child)[0], local_from_world)
+        if _is_shrunk(local_from_world):
+            return
+        above = k
+        if found._is_selection(k):
+            path.append(found._link(k))
+        if len(path) > limit:
+            break
+    last = found.states[above]
+    slots = tuple(found.graph.slots)
+    live = Liveness(found.graph).slots[last.node]
+    values = {slots[i]: v for i, v in zip(live, last.values, strict=True)}
+    found.diagnostics.append(
+        fault_diagnostic(
+            DEPTH_LIMIT,
+            found.graph,
+            last.node,
+            None,
+            path,
+            values,
+            f"more than {limit} modules on a path",
+        )
+    )
+
+
+def _is_shrunk(m: Affine) -> bool:
+    """Return whether a frame is below rounding; see docs/solids.md, ends of recursion."""
+    # The negations also answer for NaN, from products beyond the range of numbers.
+    near = max(abs(m.m03), abs(m.m13), abs(m.m23)) <= 2.0**52
+    linear = (m.m00, m.m01, m.m02, m.m10, m.m11, m.m12, m.m20, m.m21, m.m22)
+    return not near or not max(map(abs, linear)) <= 1e150

@@ -1,0 +1,64 @@
+"""Statistics of a graph: what ``pcsg stats`` and ``Scene.stats`` tell."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from pcsg.graph.bounds import HyperBoxes, hyper_boxes
+from pcsg.graph.counts import count_primitives
+from pcsg.graph.graph import Graph
+from pcsg.graph.states import StateGraph, enumerate_states
+from pcsg.leaf.registry import Box
+
+
+def graph_stats(
+    graph: Graph,
+    globals_values: Mapping[str, float] | None = None,
+    states: StateGraph | None = None,
+    boxes: HyperBoxes | None = None,
+    nbytes: Mapping[str, int] | None = None,
+) -> dict[str, Any]:
+    """Return a graph's statistics as an object that JSON can carry.
+
+    Parameters
+    ----------
+    globals_values
+        Values of SEED, TIME and the like; by default those of `GLOBALS`.
+    states, boxes
+        Results of `enumerate_states` and `hyper_boxes` with these values, where they are known.
+    nbytes
+        Bytes of packed forms by their names, which later stages know.
+
+    Returns
+    -------
+    dict
+        ``nodes`` by kind and in total, ``edges``, ``parameters``, ``states`` (None where they are
+        more than the budget), ``primitives`` (an exact integer of any size, None where the
+        derivation does not end), ``boxes`` (exact, interval or unbounded), ``bounds`` and
+        ``scene_bounds`` (lower and upper corner; None where infinite or empty), ``bytes``.
+    """
+    states = states or enumerate_states(graph, globals_values)
+    boxes = boxes or hyper_boxes(graph, globals_values, states)
+    kinds = Counter(type(node).__name__.lower() for node in graph.nodes)
+    return {
+        "nodes": {"total": len(graph.nodes), **dict(sorted(kinds.items()))},
+        "edges": sum(len(below) for below in graph.successors),
+        "parameters": list(graph.parameters),
+        "states": states.count if states.finite else None,
+        "primitives": count_primitives(graph, globals_values),
+        "boxes": boxes.kind,
+        "bounds": _corners(boxes.scene),
+        "scene_bounds": _corners(boxes.scene_box),
+        "bytes": {"boxes": boxes.boxes.nbytes, **(nbytes or {})},
+    }
+
+
+def _corners(box: Box) -> list[list[float | None]] | None:
+    """Return a box's corners; infinities become None, because JSON has none."""
+    if any(a > b for a, b in zip(box.lower, box.upper, strict=True)):
+        return None
+    return [
+        [x if abs(x) < float("inf") else None for x in corner] for corner in (box.lower, box.upper)
+    ]
