@@ -1,0 +1,112 @@
+"""What each solid is, said a second time in NumPy: implicit functions and extreme points.
+
+Independent of the kernels: a signed function that is negative inside, about as steep as the
+distance, and points among which the farthest in any direction is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+Args = Sequence[float]
+Points = Any
+
+ANGLES = np.linspace(0.0, 2.0 * np.pi, 181)
+
+
+def rho(p: Points) -> Any:
+    return np.hypot(p[..., 0], p[..., 1])
+
+
+def circle(radius: float, z: float) -> Points:
+    return np.stack(
+        [radius * np.cos(ANGLES), radius * np.sin(ANGLES), np.full_like(ANGLES, z)], axis=-1
+    )
+
+
+def sphere_points(args: Args) -> Points:
+    z = np.sin(np.linspace(-np.pi / 2.0, np.pi / 2.0, 91))
+    return np.concatenate([circle(np.sqrt(1.0 - h * h), h) for h in z])
+
+
+def torus_points(args: Args) -> Points:
+    r = args[0]
+    return np.concatenate([circle(1.0 + r * np.cos(v), r * np.sin(v)) for v in ANGLES])
+
+
+TETRAHEDRON = np.array([[1, 1, 1], [-1, -1, 1], [1, -1, -1], [-1, 1, -1]], dtype=float)
+
+
+def tetrahedron(p: Points, args: Args) -> Any:
+    distances = []
+    for k in range(4):
+        a, b, c = np.delete(TETRAHEDRON, k, axis=0)
+        n = np.cross(b - a, c - a)
+        n *= -np.sign(n @ (TETRAHEDRON[k] - a)) / np.linalg.norm(n)
+        distances.append((p - a) @ n)
+    return np.max(distances, axis=0)
+
+
+def cone(p: Points, args: Args) -> Any:
+    r, z = args[0], p[..., 2]
+    side = (rho(p) - (1.0 + (r - 1.0) * z)) / np.hypot(1.0, r - 1.0)
+    return np.maximum(side, np.abs(z - 0.5) - 0.5)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A second description of a solid.
+
+    Attributes
+    ----------
+    implicit
+        Negative inside, positive outside.
+    extremes
+        Points of the solid, with one close to the farthest in every direction; None if unbounded.
+    args
+        Legal arguments.
+    reach
+        A ball about the origin that contains what matters.
+    """
+
+    implicit: Callable[[Points, Args], Any]
+    extremes: Callable[[Args], Points] | None
+    args: st.SearchStrategy[tuple[float, ...]] = field(default_factory=lambda: st.just(()))
+    reach: Callable[[Args], float] = lambda args: 2.0
+
+
+RADII = st.one_of(st.sampled_from([0.0, 0.5, 1.0, 2.0]), st.floats(0.0, 3.0))
+TUBES = st.one_of(
+    st.sampled_from([1.0, 0.5, 0.25, 1e-3]), st.floats(0.01, 1.0), st.floats(1e-6, 0.01)
+)
+
+SHAPES: dict[str, Shape] = {
+    "sphere": Shape(lambda p, a: np.linalg.norm(p, axis=-1) - 1.0, sphere_points),
+    "cylinder": Shape(
+        lambda p, a: np.maximum(rho(p) - 1.0, np.abs(p[..., 2] - 0.5) - 0.5),
+        lambda a: np.concatenate([circle(1.0, 0.0), circle(1.0, 1.0)]),
+    ),
+    "cone": Shape(
+        cone,
+        lambda a: np.concatenate([circle(1.0, 0.0), circle(a[0], 1.0)]),
+        RADII.map(lambda r: (r,)),
+        lambda a: 2.0 + a[0],
+    ),
+    "box": Shape(
+        lambda p, a: np.max(np.abs(p), axis=-1) - 1.0,
+        lambda a: np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T,
+    ),
+    "tetrahedron": Shape(tetrahedron, lambda a: TETRAHEDRON),
+    "torus": Shape(
+        lambda p, a: np.hypot(rho(p) - 1.0, p[..., 2]) - a[0],
+        torus_points,
+        TUBES.map(lambda r: (r,)),
+    ),
+    "halfspace": Shape(lambda p, a: p[..., 2], None),
+    "empty": Shape(lambda p, a: np.full(p.shape[:-1], np.inf), None),
+}

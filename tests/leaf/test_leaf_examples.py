@@ -1,0 +1,188 @@
+"""Crossings of single rays whose answers are known: faces, edges, corners, touches, apexes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pcsg.leaf.dispatch import leaf_crossings, leaf_inside, leaf_normal, leaf_uv
+from pcsg.leaf.registry import ALL, LEAVES
+from pcsg.vec import Ray, Vec3
+
+POOL = (np.zeros(0), np.zeros(0, np.float32), np.zeros(0, np.int32))
+INF = math.inf
+DIAGONAL = math.sqrt(0.5)
+
+CASES: list[tuple[str, Any, Any, Any, list[float]]] = [
+    ("sphere", (), (-3, 0, 0), (1, 0, 0), [2, 4]),
+    ("sphere", (), (-3, 1, 0), (1, 0, 0), []),
+    ("sphere", (), (0, 0, 0), (0, 0, 2), [-0.5, 0.5]),
+    ("cylinder", (), (-3, 0, 0.5), (2, 0, 0), [1, 2]),
+    ("cylinder", (), (-3, 0, 0), (1, 0, 0), [2, 4]),
+    ("cylinder", (), (-3, 0, 1), (1, 0, 0), [2, 4]),
+    ("cylinder", (), (-3, 0, 1.0000001), (1, 0, 0), []),
+    ("cylinder", (), (1, 0, -1), (0, 0, 1), [1, 2]),
+    ("cylinder", (), (-3, 1, 0.5), (1, 0, 0), []),
+    ("cylinder", (), (0, 0, 5), (0, 0, -1), [4, 5]),
+    ("cylinder", (), (0, 0, -1), (1, 0, 1), []),
+    ("cone", (0.0,), (0, 0, -1), (0, 0, 1), [1, 2]),
+    ("cone", (0.0,), (-3, 0, 0.5), (1, 0, 0), [2.5, 3.5]),
+    ("cone", (0.0,), (-3, 0, 1), (1, 0, 0), []),
+    ("cone", (0.0,), (0.5, 0, -1), (0, 0, 1), [1, 1.5]),
+    ("cone", (0.0,), (0, 0, -1), (-1, 0, 1), []),
+    ("cone", (0.0,), (0.5, 0, -1), (-1, 0, 1), [1, 1.25]),
+    ("cone", (0.0,), (0, 0, 3), (0, 0, -1), [2, 3]),
+    ("cone", (1.0,), (1, 0, -1), (0, 0, 1), [1, 2]),
+    ("cone", (1.0,), (-3, 0, 0.5), (1, 0, 0), [2, 4]),
+    ("cone", (2.0,), (-3, 0, 0.5), (1, 0, 0), [1.5, 4.5]),
+    ("cone", (2.0,), (1.5, 0, -1), (0, 0, 1), [1.5, 2]),
+    ("cone", (2.0,), (-3, 0, 1), (1, 0, 0), [1, 5]),
+    ("cone", (0.5,), (-3, 0, 0.5), (1, 0, 0), [2.25, 3.75]),
+    ("box", (), (-3, 0, 0), (1, 0, 0), [2, 4]),
+    ("box", (), (-3, 1, 0), (1, 0, 0), [2, 4]),
+    ("box", (), (-3, 1, 1), (1, 0, 0), [2, 4]),
+    ("box", (), (-3, 1.0000001, 0), (1, 0, 0), []),
+    ("box", (), (-2, 0, 0), (1, -1, 0), []),
+    ("box", (), (-3, -3, -3), (1, 1, 1), [2, 4]),
+    ("box", (), (0, 0, 0), (0, -4, 0), [-0.25, 0.25]),
+    ("tetrahedron", (), (0, 0, -3), (0, 0, 1), [2, 4]),
+    ("tetrahedron", (), (2, 2, 2), (-1, -1, -1), [1, 2 + 1 / 3]),
+    ("tetrahedron", (), (-3, -3, 1), (1, 1, 0), [2, 4]),
+    ("tetrahedron", (), (0, 0, 1), (1, -1, 0), []),
+    ("tetrahedron", (), (0.5, 0.5, 0), (0, 0, 1), [0, 1]),
+    ("torus", (0.5,), (-3, 0, 0), (1, 0, 0), [1.5, 2.5, 3.5, 4.5]),
+    ("torus", (0.5,), (0, 0, -3), (0, 0, 1), []),
+    ("torus", (0.5,), (1, 0, -3), (0, 0, 1), [2.5, 3.5]),
+    ("torus", (0.5,), (-3, 0, 0.5), (1, 0, 0), []),
+    ("torus", (0.5,), (0.5, -3, 0), (0, 1, 0), [3 - math.sqrt(2), 3 + math.sqrt(2)]),
+    ("torus", (1.0,), (0, 0, -3), (0, 0, 1), []),
+    ("torus", (1.0,), (1, 0, 0), (0, 0, 2), [-0.5, 0.5]),
+    ("torus", (1e-6,), (-3, 0, 0), (1, 0, 0), [1.999999, 2.000001, 3.999999, 4.000001]),
+    ("halfspace", (), (0, 0, 3), (0, 0, 1), [-INF, -3]),
+    ("halfspace", (), (0, 0, 3), (0, 0, -1), [3, INF]),
+    ("halfspace", (), (0, 0, 0), (1, 0, 0), [-INF, INF]),
+    ("halfspace", (), (0, 0, -1), (1, 0, 0), [-INF, INF]),
+    ("halfspace", (), (0, 0, 1), (1, 0, -0.0), []),
+    ("halfspace", (), (0, 0, -1e9), (1, 0, 1e-305), [-INF, INF]),
+    ("halfspace", (), (0, 0, 1e9), (1, 0, 1e-305), []),
+    ("empty", (), (0, 0, 0), (1, 0, 0), []),
+    ("tri1", (), (0.25, 0.25, 1), (0, 0, -2), [0.5, 0.5]),
+    ("tri1", (), (0, 0, 1), (0, 0, -1), [1, 1]),
+    ("tri1", (), (0.5, 0.5, -1), (0, 0, 1), [1, 1]),
+    ("tri1", (), (0.51, 0.5, -1), (0, 0, 1), []),
+    ("tri1", (), (-0.01, 0.5, -1), (0, 0, 1), []),
+    ("tri1", (), (0.5, -0.01, -1), (0, 0, 1), []),
+    ("tri1", (), (-1, 0.5, 0), (1, 0, 0), []),
+    ("tri2", (), (-0.25, -0.25, 1), (0, 0, -2), [0.5, 0.5]),
+    ("tri2", (), (0.01, -0.25, 1), (0, 0, -2), []),
+    ("tri2", (), (-0.51, -0.5, 1), (0, 0, -2), []),
+]
+
+
+@pytest.mark.parametrize(("name", "args", "o", "d", "expected"), CASES)
+def test_known_crossings(name: str, args: Any, o: Any, d: Any, expected: list[float]) -> None:
+    t = np.zeros(8)
+    ray = Ray(*map(float, (*o, *d)), 0.0, INF)
+    m = leaf_crossings(LEAVES[name].kind, ray, ALL, np.array(args), 0, POOL, t, 0)
+    assert t[:m].tolist() == pytest.approx(expected, rel=1e-14, abs=1e-14)
+
+
+NORMALS: list[tuple[str, Any, Any, Any]] = [
+    ("sphere", (), (0, -1, 0), (0, -1, 0)),
+    ("cylinder", (), (1, 0, 0.5), (1, 0, 0)),
+    ("cylinder", (), (0.5, 0, 0), (0, 0, -1)),
+    ("cylinder", (), (0.5, 0, 1), (0, 0, 1)),
+    ("cone", (0.0,), (0, 0.5, 0.5), (0, DIAGONAL, DIAGONAL)),
+    ("cone", (0.0,), (0, 0, 1), (0, 0, 1)),
+    ("cone", (2.0,), (1.5, 0, 0.5), (DIAGONAL, 0, -DIAGONAL)),
+    ("cone", (2.0,), (1.5, 0, 1), (0, 0, 1)),
+    ("box", (), (-1, 0.3, 0.5), (-1, 0, 0)),
+    ("box", (), (0.3, 1, 0.5), (0, 1, 0)),
+    ("box", (), (0.3, 0.5, -1), (0, 0, -1)),
+    ("torus", (0.5,), (1.5, 0, 0), (1, 0, 0)),
+    ("torus", (0.5,), (0, 0.5, 0), (0, -1, 0)),
+    ("torus", (0.5,), (0, 1, -0.5), (0, 0, -1)),
+    ("torus", (1.0,), (0, 0, 0), (0, 0, 1)),
+    ("halfspace", (), (4, 5, 0), (0, 0, 1)),
+    ("tri1", (), (0.1, 0.1, 0), (0, 0, 1)),
+    ("tri2", (), (-0.1, -0.1, 0), (0, 0, 1)),
+]
+
+
+@pytest.mark.parametrize(("name", "args", "p", "expected"), NORMALS)
+def test_known_normals(name: str, args: Any, p: Any, expected: Any) -> None:
+    n = leaf_normal(LEAVES[name].kind, Vec3(*map(float, p)), np.array(args), 0, POOL)
+    assert np.array(n) / np.linalg.norm(n) == pytest.approx(np.array(expected), abs=1e-15)
+
+
+COORDINATES: list[tuple[str, Any, Any, tuple[float, float]]] = [
+    ("sphere", (), (0, 1, 0), (0.25, 0.5)),
+    ("sphere", (), (0, 0, 1), (0, 1)),
+    ("sphere", (), (0, -1, 0), (0.75, 0.5)),
+    ("cylinder", (), (0, -1, 0.25), (0.75, 0.25)),
+    ("cylinder", (), (0.5, 0.2, 1), (0.75, 0.6)),
+    ("cylinder", (), (0.5, 0.2, 0), (0.25, 0.6)),
+    ("cone", (2.0,), (1, 0.2, 1), (0.75, 0.55)),
+    ("cone", (0.0,), (0, 0.5, 0.5), (0.25, 0.5)),
+    ("box", (), (1, 0.5, 0.2), (0.75, 0.6)),
+    ("box", (), (-1, 0.5, 0.2), (0.25, 0.6)),
+    ("box", (), (0.5, 1, 0.2), (0.25, 0.6)),
+    ("box", (), (0.5, -1, 0.2), (0.75, 0.6)),
+    ("box", (), (0.5, 0.2, 1), (0.75, 0.6)),
+    ("box", (), (0.5, 0.2, -1), (0.25, 0.6)),
+    ("tetrahedron", (), (-1, -1, 1), (1, 0)),
+    ("tetrahedron", (), (-1 / 3, -1 / 3, -1 / 3), (1 / 3, 1 / 3)),
+    ("tetrahedron", (), (1 / 3, 1 / 3, -1 / 3), (1 / 3, 1 / 3)),
+    ("torus", (0.5,), (0, 1, 0.5), (0.25, 0.25)),
+    ("torus", (0.5,), (0, -0.5, 0), (0.75, 0.5)),
+    ("halfspace", (), (4, 5, 0), (4, 5)),
+    ("tri1", (), (0.1, 0.2, 0), (0.1, 0.2)),
+    ("tri2", (), (-0.1, -0.2, 0), (0.1, 0.2)),
+]
+
+
+@pytest.mark.parametrize(("name", "args", "p", "expected"), COORDINATES)
+def test_known_surface_coordinates(name: str, args: Any, p: Any, expected: Any) -> None:
+    uv = leaf_uv(LEAVES[name].kind, Vec3(*map(float, p)), np.array(args), 0, POOL)
+    assert uv == pytest.approx(expected, abs=1e-15)
+
+
+CLOSED: list[tuple[str, Any, Any]] = [
+    ("sphere", (), (1, 0, 0)),
+    ("cylinder", (), (0, 1, 1)),
+    ("cylinder", (), (1, 0, 0)),
+    ("cone", (0.0,), (0, 0, 1)),
+    ("cone", (2.0,), (2, 0, 1)),
+    ("box", (), (1, -1, 1)),
+    ("tetrahedron", (), (1, -1, -1)),
+    ("torus", (0.5,), (1.5, 0, 0)),
+    ("torus", (1.0,), (0, 0, 0)),
+    ("halfspace", (), (7, 7, 0)),
+]
+
+
+@pytest.mark.parametrize(("name", "args", "p"), CLOSED)
+def test_solids_are_closed(name: str, args: Any, p: Any) -> None:
+    kind = LEAVES[name].kind
+    assert leaf_inside(kind, Vec3(*map(float, p)), np.array(args), 0, POOL)
+    beyond = [1.0000001 * c if c else 0.0 for c in p]
+    beyond[2] += 1e-7 if name in {"halfspace", "torus"} else 0.0
+    assert not leaf_inside(kind, Vec3(*beyond), np.array(args), 0, POOL)
+
+
+@pytest.mark.parametrize("name", [name for name, cls in LEAVES.items() if cls.sheet])
+def test_sheets_contain_nothing(name: str) -> None:
+    assert not leaf_inside(LEAVES[name].kind, Vec3(0.0, 0.0, 0.0), np.zeros(1), 0, POOL)
+
+
+@pytest.mark.parametrize("name", LEAVES)
+def test_no_direction_no_disorder(name: str) -> None:
+    t = np.zeros(8)
+    ray = Ray(0.5, 0.0, 0.25, 1e-310, 0.0, 0.0, 0.0, INF)
+    m = leaf_crossings(LEAVES[name].kind, ray, ALL, np.array([0.5]), 0, POOL, t, 0)
+    assert m % 2 == 0
+    assert not np.isnan(t[:m]).any()
+    assert (np.diff(t[:m]) >= 0.0).all()

@@ -1,0 +1,102 @@
+"""Triangles: no ray slips through a shared edge or corner, and none is met far beside."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pcsg.jit import njit
+from pcsg.leaf.registry import LEAVES
+from pcsg.leaf.sheets import triangle_crossing
+from pcsg.vec import Affine, Ray, compose, transform_ray
+
+
+@njit
+def count_hits(frames: Any, signs: Any, rays: Any, hits: Any) -> None:
+    """Count, for every ray in the world, the triangles it meets."""
+    t = np.zeros(2)
+    for i in range(rays.shape[0]):
+        r = rays[i]
+        world = Ray(r[0], r[1], r[2], r[3], r[4], r[5], 0.0, np.inf)
+        for k in range(signs.shape[0]):
+            m = frames[k]
+            frame = Affine(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10], m[11])
+            if triangle_crossing(transform_ray(frame, world), signs[k], t, 0) == 2:
+                hits[i] += 1
+
+
+def neighbours(rng: Any, scale: float) -> tuple[Any, Any, Any]:
+    """Return six triangles about a corner in their own frames, and the map to the world."""
+    rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    world = scale * rotation @ (np.eye(3) + 0.3 * rng.normal(size=(3, 3)))
+    base = np.hstack([np.linalg.inv(world), rng.uniform(-1.0, 1.0, (3, 1))])
+    moves = [(0, 0, 1), (0, 0, -1), (-1, 0, 1), (0, -1, 1), (1, 0, -1), (0, 1, -1)]
+    frames = []
+    for x, y, _ in moves:
+        # The triangle stands at (x, y): its frame is the base frame moved back.
+        move = Affine(1.0, 0.0, 0.0, -float(x), 0.0, 1.0, 0.0, -float(y), 0.0, 0.0, 1.0, 0.0)
+        frames.append(list(compose(move, Affine(*base.ravel().tolist()))))
+    return np.array(frames), np.array([float(s) for *_, s in moves]), base
+
+
+def rays_at(rng: Any, base: Any, local: Any, distance: float) -> Any:
+    """Return rays from all directions at points given in the base frame."""
+    inverse = np.linalg.inv(base[:, :3])
+    targets = (local - base[:, 3]) @ inverse.T
+    directions = rng.normal(size=targets.shape)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    length = np.linalg.norm(inverse, 2)
+    return np.hstack([targets - distance * length * directions, directions])
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e4])
+@pytest.mark.parametrize("distance", [1.0, 30.0, 1e5])
+def test_no_ray_slips_through_shared_edges(scale: float, distance: float) -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        frames, signs, base = neighbours(rng, scale)
+        s = rng.uniform(0.0, 1.0, 400)
+        s[:40] = 0.0  # the corner itself
+        ends = np.array([(1, 0), (0, 1), (-1, 0), (0, -1), (-1, 1), (1, -1)])
+        edge = ends[rng.integers(0, 6, 400)]
+        local = np.column_stack([s[:, None] * edge, np.zeros(400)])
+        hits = np.zeros(400, np.int64)
+        count_hits(frames, signs, rays_at(rng, base, local, distance), hits)
+        assert (hits > 0).all()
+
+
+def test_beside_the_triangles_there_is_nothing() -> None:
+    rng = np.random.default_rng(8)
+    frames, signs, base = neighbours(rng, 1.0)
+    s = rng.uniform(0.0, 1.0, 2000)
+    outer = np.column_stack([s + 1e-8, 1.0 - s + 1e-8, np.zeros(2000)])
+    hits = np.zeros(2000, np.int64)
+    count_hits(frames[:1], signs[:1], rays_at(rng, base, outer, 3.0), hits)
+    assert (hits == 0).all()
+
+
+@pytest.mark.parametrize("name", ["tri1", "tri2"])
+def test_boxes_include_the_tolerance(name: str) -> None:
+    solid = LEAVES[name]
+    sign = 1.0 if name == "tri1" else -1.0
+    box = solid.bounds_of(())
+    t = np.zeros(2)
+    rng = np.random.default_rng(9)
+    s = rng.uniform(0.0, 1.0, 3000)
+    e = 4e-11 * rng.uniform(-1.0, 1.0, (3000, 2))
+    choice = rng.integers(0, 3, 3000)
+    corners = [np.column_stack(c) for c in ((s, 0 * s), (0 * s, s), (s, 1.0 - s))]
+    points = sign * (np.choose(choice[:, None], corners) + e)
+    met = 0
+    for x, y in points.tolist():
+        ray = Ray(x, y, 1.0, 0.0, 0.0, -1.0, 0.0, math.inf)
+        if triangle_crossing(ray, sign, t, 0):
+            met += 1
+            assert box.lower[0] <= x <= box.upper[0]
+            assert box.lower[1] <= y <= box.upper[1]
+            for d in ((1.0, 0.0, 0.0), (-1.0, 0.3, 0.0), (0.7, 0.7, 0.0), (0.0, -1.0, 2.0)):
+                assert x * d[0] + y * d[1] <= solid.support(d, ()) + 1e-14
+    assert 500 < met < 2500
