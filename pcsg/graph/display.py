@@ -258,6 +258,9 @@ def _flatten(points: Sequence[Point]) -> list[Point]:
     out = [points[0]]
     for k in range(1, len(points), 3):
         a, b, c, d = out[-1], *points[k : k + 3]
+        if a[0] == b[0] == c[0] == d[0] or a[1] == b[1] == c[1] == d[1]:
+            out.append(d)
+            continue
         count = max(1, min(48, int(math.dist(a, d) / 1.5)))
         for i in range(1, count + 1):
             t = i / count

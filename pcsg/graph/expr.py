@@ -219,16 +219,21 @@ def functions_of(*exprs: Expr) -> set[str]:
 
 
 def signature(expr: Expr) -> tuple[object, ...]:
-    """Return a flat tuple that is equal for, and only for, the same expression."""
+    """Return a flat tuple that is equal for, and only for, the same expression.
+
+    The negative of a constant is the negative constant: text cannot tell them apart.
+    """
     out: list[object] = []
     for e in postorder(expr, operands):
         if isinstance(e, Number):
-            out.append(("n", e.value.hex()))
+            out.append(e.value)
         elif isinstance(e, Parameter):
             out.append(("p", e.name))
+        elif isinstance(e, Apply) and e.function == "neg" and isinstance(out[-1], float):
+            out[-1] = -out[-1]
         elif isinstance(e, Apply):
             out.append((e.function, len(e.args), e.seeds))
-    return tuple(out)
+    return tuple(("n", e.hex()) if isinstance(e, float) else e for e in out)
 
 
 def same(a: Expr, b: Expr) -> bool:
