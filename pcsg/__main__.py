@@ -1,0 +1,5 @@
+"""``python -m pcsg``."""
+
+from pcsg.cli import main
+
+main()

@@ -1,0 +1,169 @@
+"""The command line: one thin function per verb.
+
+Nothing heavy is imported before a verb runs, so that ``pcsg --help`` is instant; what a verb does
+stands in `pcsg.commands`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import pcsg
+from pcsg.commands.guard import guard
+
+app = typer.Typer(
+    name="pcsg",
+    help="Pictures of natural scenes of any complexity, from grammars over solids.",
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+File = Annotated[
+    Path, typer.Argument(metavar="FILE", help="A grammar (.pcsg).", show_default=False)
+]
+Include = Annotated[
+    list[Path],
+    typer.Option("--include", metavar="DIR", help="Further folder that #include may read."),
+]
+Assignments = Annotated[
+    list[str],
+    typer.Option("-D", "--set", metavar="NAME=VALUE", help="Value of a parameter of the axiom."),
+]
+Seed = Annotated[int | None, typer.Option("--seed", help="Of sampling, and the grammar's SEED.")]
+Time = Annotated[float | None, typer.Option("--time", help="The grammar's TIME.")]
+MaxMemory = Annotated[
+    str | None,
+    typer.Option("--max-memory", metavar="SIZE", help="Such as 4G; default half of the machine."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Say it in JSON on standard output.")]
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"pcsg {pcsg.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="And exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+@guard
+def render(
+    file: File,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="OUT", help="Picture (.png).")
+    ] = None,
+    size: Annotated[str, typer.Option(metavar="WxH", help="In pixels.")] = "800x600",
+    samples: Annotated[int, typer.Option(help="Most samples per pixel.")] = 16,
+    assignments: Assignments = [],  # noqa: B006 - typer copies defaults
+    seed: Seed = None,
+    time: Time = None,
+    camera: Annotated[
+        str, typer.Option(metavar="KEYS", help='Such as "eye=1,-5,2 target=0,0,1 fov=30".')
+    ] = "",
+    sun: Annotated[
+        str, typer.Option(metavar="KEYS", help='Such as "direction=1,0,1 strength=2 angle=3".')
+    ] = "",
+    sky: Annotated[
+        str, typer.Option(metavar="KEYS", help='Such as "zenith=0.1,0.2,0.5 strength=0.8".')
+    ] = "",
+    ground: Annotated[
+        str, typer.Option(metavar="KEYS", help='A plane below: "z=auto", "z=0 material=grass".')
+    ] = "",
+    aov: Annotated[
+        str, typer.Option(metavar="LIST", help="Layers to write beside: depth,normal,label.")
+    ] = "",
+    threads: Annotated[
+        int | None, typer.Option(help="Default: one per processor.", show_default=False)
+    ] = None,
+    include: Include = [],  # noqa: B006 - typer copies defaults
+    max_memory: MaxMemory = None,
+    json: Json = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False,
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say more.")] = False,
+) -> None:
+    """Make a picture of a grammar."""
+    from pcsg.commands.render import RenderArguments, run
+
+    run(
+        RenderArguments(
+            file=file,
+            output=output,
+            size=size,
+            samples=samples,
+            assignments=assignments,
+            seed=seed,
+            time=time,
+            settings={"camera": camera, "sun": sun, "sky": sky, "ground": ground},
+            aov=aov,
+            threads=threads,
+            include=include,
+            max_memory=max_memory,
+            json=json,
+            quiet=quiet,
+            verbose=verbose,
+        )
+    )
+
+
+@app.command()
+@guard
+def check(
+    file: File,
+    include: Include = [],  # noqa: B006 - typer copies defaults
+    json: Json = False,
+) -> None:
+    """Report every mistake in a grammar, all at once."""
+    from pcsg.commands.check import run
+
+    run(file, include, json)
+
+
+@app.command()
+@guard
+def stats(
+    file: File,
+    assignments: Assignments = [],  # noqa: B006 - typer copies defaults
+    seed: Seed = None,
+    time: Time = None,
+    include: Include = [],  # noqa: B006 - typer copies defaults
+    max_memory: MaxMemory = None,
+    json: Json = False,
+) -> None:
+    """Count a grammar's nodes, states, primitives and bytes."""
+    from pcsg.commands.stats import run
+
+    run(file, assignments, seed, time, include, max_memory, json)
+
+
+@app.command()
+@guard
+def graph(
+    file: File,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="OUT", help="Drawing (.svg, .dot, .png).")
+    ],
+    include: Include = [],  # noqa: B006 - typer copies defaults
+) -> None:
+    """Draw the cyclic graph of a grammar."""
+    from pcsg.commands.graph import run
+
+    run(file, output, include)
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

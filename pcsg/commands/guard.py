@@ -1,0 +1,76 @@
+"""The one place where errors become messages and exit statuses.
+
+0 done; 1 the surroundings failed; 2 the user's mistake; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+from collections.abc import Callable
+from typing import ParamSpec
+
+import typer
+
+from pcsg.errors import EvaluationFault, GrammarError, PcsgError
+
+P = ParamSpec("P")
+
+INTERRUPTED = 130
+
+TRACEBACK = "PCSG_TRACEBACK"
+"""Environment variable that lets errors through with their traceback, for developers."""
+
+
+def guard(verb: Callable[P, None]) -> Callable[P, None]:
+    """Let a verb end with a message and an exit status whatever happens."""
+
+    @functools.wraps(verb)
+    def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            verb(*args, **kwargs)
+            sys.stdout.flush()
+        except typer.Exit:
+            raise
+        except BaseException as error:
+            if os.environ.get(TRACEBACK):
+                raise
+            raise typer.Exit(_tell(error)) from None
+
+    return guarded
+
+
+def _tell(error: BaseException) -> int:
+    """Say what went wrong; return the exit status."""
+    if isinstance(error, PcsgError):
+        rendered = isinstance(error, (GrammarError, EvaluationFault))
+        say(str(error) if rendered else f"error: {error}")
+        return error.exit_status
+    if isinstance(error, KeyboardInterrupt):
+        say("interrupted")
+        return INTERRUPTED
+    if isinstance(error, BrokenPipeError):
+        # Who read our output has gone. Nothing may be written at exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    if isinstance(error, MemoryError):
+        say("error: out of memory; a smaller picture, fewer threads or a larger machine helps")
+        return 1
+    if isinstance(error, OSError):
+        place = f"{error.filename}: " if error.filename else ""
+        say(f"error: {place}{error.strerror or error}")
+        return 1
+    if isinstance(error, RecursionError):
+        say("error: the input is nested too deeply")
+        return 2
+    say(
+        f"error: this is a mistake in pcsg itself ({type(error).__name__}: {error});"
+        f" {TRACEBACK}=1 shows where"
+    )
+    return 1
+
+
+def say(text: str) -> None:
+    """Write a line to standard error."""
+    print(text, file=sys.stderr, flush=True)

@@ -1,0 +1,32 @@
+"""A scene from a file and the options that every verb shares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pcsg.commands.options import parse_assignments, parse_memory, parse_number
+
+if TYPE_CHECKING:
+    from pcsg.scene import Scene
+
+
+def open_scene(
+    file: Path,
+    assignments: Sequence[str],
+    seed: int | None,
+    time: float | None,
+    include: Sequence[Path],
+    max_memory: str | None,
+) -> Scene:
+    """Return the scene of a grammar with the options' values."""
+    values = parse_assignments(assignments)
+    if seed is not None:
+        values.setdefault("SEED", float(seed))
+    if time is not None:
+        values.setdefault("TIME", parse_number(str(time), "--time"))
+    limit = parse_memory(max_memory)
+    from pcsg.scene import load
+
+    return load(file, include=include, max_memory=limit, parameters=values)

@@ -1,0 +1,99 @@
+"""Everything that a picture needs besides the rays: the scene's settings made into objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pcsg.errors import UsageError, suggest
+from pcsg.graph.settings import SETTINGS
+from pcsg.render.camera import Camera, place, tame
+from pcsg.render.lights import Light, Sky, make_points, make_sky, make_sun
+from pcsg.render.materials import Materials
+from pcsg.render.textures import Textures
+from pcsg.render.tracer import GroundedTracer, RenderScene, Tracer
+
+Overrides = Mapping[str, Mapping[str, Any]]
+"""Values by kind of setting and key that replace the grammar's."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A scene ready to be pictured.
+
+    Attributes
+    ----------
+    tracer
+        The scene with its ground.
+    extent
+        Greatest side of the bounds: what is far and near in this scene.
+    lights
+        Sources with shadow rays; the sun comes first.
+    ground
+        Whether there is a ground plane.
+    """
+
+    tracer: Tracer
+    camera: Camera
+    lights: tuple[Light, ...]
+    sky: Sky
+    materials: Materials
+    extent: float
+    ground: bool
+
+
+def build_stage(scene: RenderScene, size: tuple[int, int], overrides: Overrides) -> Stage:
+    """Return the stage of a scene for a picture of a size.
+
+    Raises
+    ------
+    UsageError
+        A value is none that can be rendered.
+    """
+    width, height = size
+    bounds = np.asarray(scene.bounds, dtype=float)
+    box = tame(bounds)
+    textures = Textures.of(scene.setting_values("texture"))
+    materials = Materials(
+        scene.setting_values("material"), scene.setting_numbers("texture"), textures
+    )
+    camera = place(_values(scene, "camera", overrides), bounds, width / height)
+    sun = make_sun(_values(scene, "sun", overrides))
+    points = make_points(scene.setting_values("light"))
+    tracer = scene.tracer
+    grounded = bool(scene.setting_values("ground")) or "ground" in overrides
+    extent = float((box[1] - box[0]).max())
+    if grounded:
+        values = _values(scene, "ground", overrides)
+        z = float(box[0, 2] - 1e-6 * extent) if values["z"] is None else float(values["z"])
+        number = _material_number(scene, values["material"])
+        tracer = GroundedTracer(tracer, z, number)
+    lights: tuple[Light, ...] = (*((sun,) if sun else ()), *points)
+    sky = make_sky(_values(scene, "sky", overrides))
+    return Stage(tracer, camera, lights, sky, materials, extent, grounded)
+
+
+def _values(scene: RenderScene, kind: str, overrides: Overrides) -> dict[str, Any]:
+    """Return the values of a setting that stands once: override, grammar, default."""
+    values = {key: k.default for key, k in SETTINGS[kind].keys.items()}
+    for written in scene.setting_values(kind):
+        values.update(written)
+    for key, value in overrides.get(kind, {}).items():
+        if key not in values:
+            hint = suggest(key, values)
+            raise UsageError(f"`{kind}` has no key `{key}`" + (f"; {hint}" if hint else ""))
+        values[key] = value
+    return values
+
+
+def _material_number(scene: RenderScene, name: str | None) -> int:
+    if name is None:
+        return -1
+    numbers = scene.setting_numbers("material")
+    if name not in numbers:
+        hint = suggest(name, numbers)
+        raise UsageError(f"the scene has no material `{name}`" + (f"; {hint}" if hint else ""))
+    return numbers[name]

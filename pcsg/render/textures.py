@@ -1,0 +1,144 @@
+"""Procedural textures: how much of the second colour there is at a point of space.
+
+Patterns are solid: cut from a block, so they need no surface coordinates. Lengths are in periods
+of the pattern.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pcsg.graph.settings import SETTINGS
+from pcsg.jit import njit
+from pcsg.render.tracer import Floats, Ints
+
+KINDS = SETTINGS["texture"].keys["kind"].words
+
+
+@njit
+def _gradient(ix: int, iy: int, iz: int, fx: float, fy: float, fz: float) -> float:
+    """Return the height at f of the slope that belongs to a lattice point (Perlin 2002)."""
+    h = (ix * 73856093) ^ (iy * 19349663) ^ (iz * 83492791)
+    h = (h ^ (h >> 13)) * 1274126177
+    h = (h ^ (h >> 16)) & 15
+    u = fx if h < 8 else fy
+    v = fy if h < 4 else (fx if h == 12 or h == 14 else fz)
+    return (u if h & 1 == 0 else -u) + (v if h & 2 == 0 else -v)
+
+
+@njit
+def noise(x: float, y: float, z: float) -> float:
+    """Return gradient noise in about [-1, 1] (Perlin 2002)."""
+    bx, by, bz = math.floor(x), math.floor(y), math.floor(z)
+    fx, fy, fz = x - bx, y - by, z - bz
+    ix, iy, iz = int(bx), int(by), int(bz)
+    u = fx * fx * fx * (fx * (fx * 6.0 - 15.0) + 10.0)
+    v = fy * fy * fy * (fy * (fy * 6.0 - 15.0) + 10.0)
+    w = fz * fz * fz * (fz * (fz * 6.0 - 15.0) + 10.0)
+    total = 0.0
+    for k in range(8):
+        i, j, m = k & 1, (k >> 1) & 1, k >> 2
+        weight = (u if i else 1.0 - u) * (v if j else 1.0 - v) * (w if m else 1.0 - w)
+        total += weight * _gradient(ix + i, iy + j, iz + m, fx - i, fy - j, fz - m)
+    return total
+
+
+@njit
+def fractal_noise(x: float, y: float, z: float, octaves: int) -> float:
+    """Return noise summed over octaves, each of half the size and height of the one before."""
+    total, height = 0.0, 0.5
+    for _ in range(octaves):
+        total += height * noise(x, y, z)
+        # Shifts keep the lattices of the octaves from meeting at the origin.
+        x, y, z = 2.03 * x + 17.17, 2.03 * y + 5.31, 2.03 * z + 11.73
+        height *= 0.5
+    return total
+
+
+@njit
+def pattern(kind: int, x: float, y: float, z: float) -> float:
+    """Return the amount of the second colour, in [0, 1]."""
+    if kind == 1:
+        return float(int(math.floor(x) + math.floor(y) + math.floor(z)) & 1)
+    if kind == 2:
+        vein = math.sin(2.0 * math.pi * (x + 1.6 * fractal_noise(x, y, z, 5)))
+        return (1.0 - abs(vein)) ** 3
+    if kind == 3:
+        bend = 0.35 * noise(0.7 * x, 0.7 * y, 0.2 * z)
+        ring = 4.0 * (math.sqrt(x * x + y * y) + bend)
+        ring -= math.floor(ring)
+        grain = 0.2 * noise(24.0 * x, 24.0 * y, 1.5 * z)
+        return min(max(ring * ring * (1.0 - 0.6 * ring**6) * 1.3 + grain, 0.0), 1.0)
+    if kind == 4:
+        wave = 0.6 * fractal_noise(1.5 * x, 1.5 * y, 0.4 * z, 3)
+        ridge = abs(fractal_noise(5.0 * x + wave, 5.0 * y - wave, 1.1 * z, 4))
+        fine = 0.15 * noise(23.0 * x, 23.0 * y, 9.0 * z)
+        return min(max(1.0 - 4.5 * ridge + fine, 0.0), 1.0)
+    return min(max(0.5 + 0.9 * fractal_noise(x, y, z, 5), 0.0), 1.0)
+
+
+@njit(entry=True)
+def evaluate(kinds: Ints, points: Floats, values: Floats) -> None:
+    """Write the pattern of each kind (N,) at each point (N, 3) to values (N,)."""
+    for k in range(len(kinds)):
+        values[k] = pattern(kinds[k], points[k, 0], points[k, 1], points[k, 2])
+
+
+@dataclass(frozen=True)
+class Textures:
+    """The textures of a scene.
+
+    Attributes
+    ----------
+    kind
+        (K,) position in `KINDS`.
+    color, color2
+        (K, 3) first and second colour.
+    scale
+        (K,) size of the pattern in world units.
+    """
+
+    kind: Ints
+    color: Floats
+    color2: Floats
+    scale: Floats
+
+    @classmethod
+    def of(cls, several: Sequence[Mapping[str, Any]]) -> Textures:
+        """Return the textures of settings ``texture NAME {}``."""
+        return cls(
+            np.array([KINDS.index(v["kind"]) for v in several], dtype=np.int64),
+            np.array([v["color"] for v in several], dtype=float).reshape(-1, 3),
+            np.array([v["color2"] for v in several], dtype=float).reshape(-1, 3),
+            np.array([v["scale"] for v in several], dtype=float),
+        )
+
+    def amounts(self, which: Ints, position: Floats, size: Floats) -> Floats:
+        """Return (N,) amounts of the second colour at world positions (N, 3).
+
+        Parameters
+        ----------
+        which
+            (N,) numbers of textures.
+        size
+            (N,) scales from the grammar, on top of the textures' own.
+        """
+        points = position / (self.scale[which] * size)[:, None]
+        values = np.empty(len(which))
+        evaluate(self.kind[which], np.ascontiguousarray(points), values)
+        return values
+
+    def relief(self, which: Ints, position: Floats, size: Floats) -> Floats:
+        """Return (N, 3) gradients of the pattern, per period of the pattern."""
+        step = 1e-3 * self.scale[which] * size
+        middle = self.amounts(which, position, size)
+        slopes = [
+            self.amounts(which, position + step[:, None] * axis, size) - middle
+            for axis in np.eye(3)
+        ]
+        return np.stack(slopes, axis=1) / 1e-3

@@ -1,0 +1,218 @@
+"""What the renderer needs of a scene: rays in, hits out. The scene and tests' fakes provide it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+GROUND = -2
+"""Leaf number of the ground plane, which is no node of the graph."""
+
+
+class Hits(NamedTuple):
+    """First crossings of N rays.
+
+    Attributes
+    ----------
+    t
+        (N,) ray parameter, inf where missed.
+    leaf
+        (N,) number of the leaf node, -1 where missed.
+    normal
+        (N, 3) unit, outward.
+    position
+        (N, 3) world coordinates.
+    uv
+        (N, 2) surface coordinates.
+    label
+        (N,) the grammar's label, -1 where none.
+    color
+        (N, 3) linear colour attribute, -1 where none.
+    material, texture
+        (N,) number among the scene's settings of that kind, -1 where none.
+    texture_scale
+        (N,) scale of the texture.
+    """
+
+    t: Floats
+    leaf: Ints
+    normal: Floats
+    position: Floats
+    uv: Floats
+    label: Ints
+    color: Floats
+    material: Ints
+    texture: Ints
+    texture_scale: Floats
+
+
+class HitsLike(Protocol):
+    """Anything with the arrays of `Hits`."""
+
+    @property
+    def t(self) -> Floats:
+        """(N,) inf where missed."""
+        ...
+
+    @property
+    def leaf(self) -> Ints:
+        """(N,) -1 where missed."""
+        ...
+
+    @property
+    def normal(self) -> Floats:
+        """(N, 3) unit, outward."""
+        ...
+
+    @property
+    def position(self) -> Floats:
+        """(N, 3) world coordinates."""
+        ...
+
+    @property
+    def uv(self) -> Floats:
+        """(N, 2) surface coordinates."""
+        ...
+
+    @property
+    def label(self) -> Ints:
+        """(N,) -1 where none."""
+        ...
+
+    @property
+    def color(self) -> Floats:
+        """(N, 3) -1 where none."""
+        ...
+
+    @property
+    def material(self) -> Ints:
+        """(N,) -1 where none."""
+        ...
+
+    @property
+    def texture(self) -> Ints:
+        """(N,) -1 where none."""
+        ...
+
+    @property
+    def texture_scale(self) -> Floats:
+        """(N,) on top of the texture's own."""
+        ...
+
+
+class Tracer(Protocol):
+    """Answers batches of rays; callable from several threads at once."""
+
+    def intersect(
+        self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
+    ) -> HitsLike:
+        """Return the first crossings in the closed ranges."""
+        ...
+
+    def occluded(
+        self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
+    ) -> Bools:
+        """Return whether anything lies in the closed ranges."""
+        ...
+
+
+class RenderScene(Protocol):
+    """The part of a scene that makes its picture."""
+
+    @property
+    def tracer(self) -> Tracer:
+        """Who answers the rays."""
+        ...
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, 3) corners of the box about the bounded parts; least above greatest if empty."""
+        ...
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Values of the axiom's parameters."""
+        ...
+
+    @property
+    def source_hash(self) -> str:
+        """Digest of the grammar."""
+        ...
+
+    def setting_values(self, kind: str) -> list[dict[str, Any]]:
+        """Return the evaluated settings of a kind, defaults filled in, None where automatic."""
+        ...
+
+    def setting_numbers(self, kind: str) -> Mapping[str, int]:
+        """Return the number of every named setting of a kind."""
+        ...
+
+
+class GroundedTracer:
+    """A tracer with an infinite horizontal plane in it.
+
+    Parameters
+    ----------
+    inner
+        What stands on the plane.
+    z
+        Its height.
+    material
+        Number of its material, -1 for the default.
+    """
+
+    def __init__(self, inner: Tracer, z: float, material: int) -> None:
+        self.inner = inner
+        self.z = z
+        self.material = material
+
+    def _crossing(
+        self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
+    ) -> Floats:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = (self.z - origins[:, 2]) / directions[:, 2]
+        return np.where((t >= t_min) & (t <= t_max) & np.isfinite(t), t, np.inf)
+
+    def intersect(
+        self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
+    ) -> Hits:
+        """Return the first crossings; the plane's leaf number is `GROUND`."""
+        hits = self.inner.intersect(origins, directions, t_min, t_max)
+        plane = self._crossing(origins, directions, t_min, t_max)
+        wins = plane < hits.t
+        t = np.where(wins, plane, hits.t)
+        beyond = np.flatnonzero(wins)
+        at = origins[beyond] + t[beyond, None] * directions[beyond]
+        at[:, 2] = self.z
+
+        def replaced(values: Any, by: Any) -> Any:
+            values = values.copy()
+            values[beyond] = by
+            return values
+
+        return Hits(
+            t,
+            replaced(hits.leaf, GROUND),
+            replaced(hits.normal, (0.0, 0.0, 1.0)),
+            replaced(hits.position, at),
+            replaced(hits.uv, at[:, :2]),
+            replaced(hits.label, -1),
+            replaced(hits.color, -1.0),
+            replaced(hits.material, self.material),
+            replaced(hits.texture, -1),
+            replaced(hits.texture_scale, 1.0),
+        )
+
+    def occluded(
+        self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
+    ) -> Bools:
+        """Return whether the scene or the plane lies in the way."""
+        blocked = self._crossing(origins, directions, t_min, t_max) < np.inf
+        return blocked | self.inner.occluded(origins, directions, t_min, t_max)

@@ -1,0 +1,126 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pcsg.errors import UsageError
+from pcsg.graph.settings import SETTINGS
+from pcsg.render.camera import MARGIN, Camera, basis, corners, place, tame
+
+AUTOMATIC = {key: k.default for key, k in SETTINGS["camera"].keys.items()}
+
+inf = math.inf
+
+
+def project(camera, points, aspect):
+    """Return picture coordinates in [-1, 1] and depths of points."""
+    right, up, forward = basis(camera.eye, camera.target, camera.up)
+    local = (points - np.array(camera.eye)) @ np.stack([right, up, forward]).T
+    tangent = math.tan(math.radians(camera.fov) / 2)
+    return (
+        local[:, :2] / local[:, 2:] / tangent / np.array([aspect, 1.0]),
+        local[:, 2],
+    )
+
+
+numbers = st.floats(-100, 100)
+sides = st.floats(1e-3, 1e3)
+
+
+@given(
+    st.tuples(numbers, numbers, numbers),
+    st.tuples(sides, sides, sides),
+    st.floats(0.2, 5),
+    st.floats(5, 120),
+)
+def test_the_box_is_inside_and_fills_the_picture(low, size, aspect, fov):
+    low = np.array(low)
+    box = np.array([low, low + size])
+    camera = place({**AUTOMATIC, "fov": fov}, box, aspect)
+    at, depth = project(camera, corners(box), aspect)
+    assert (depth > 0).all()
+    limit = 1 - 2 * MARGIN
+    assert np.abs(at).max() <= limit + 1e-6
+    # Either it touches the margins of one axis on both sides, or the eye stands close before it.
+    touches = (at.max(axis=0) > limit - 1e-6) & (at.min(axis=0) < -limit + 1e-6)
+    assert touches.any() or depth.min() < 0.01 * max(size)
+
+
+@given(st.floats(0.2, 5))
+def test_the_target_is_kept(aspect):
+    box = np.array([[-1.0, -2.0, 0.0], [1.0, 2.0, 5.0]])
+    camera = place({**AUTOMATIC, "target": (0.0, 0.0, 1.0)}, box, aspect)
+    at, _ = project(camera, np.array([[0.0, 0.0, 1.0]]), aspect)
+    assert np.abs(at).max() < 1e-12
+    at, depth = project(camera, corners(box), aspect)
+    assert np.abs(at).max() == pytest.approx(1 - 2 * MARGIN)
+    assert (depth > 0).all()
+
+
+@pytest.mark.parametrize(
+    "bounds",
+    [
+        [[inf] * 3, [-inf] * 3],
+        [[0.0] * 3, [0.0] * 3],
+        [[5.0, 5.0, 5.0], [5.0, 5.0, 5.0]],
+        [[1e9, 1e9, 1e9], [1e9, 1e9, 1e9]],
+        [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]],
+        [[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]],
+        [[-inf] * 3, [inf] * 3],
+        [[-inf, -inf, -inf], [inf, inf, 0.0]],
+        [[-inf, 0.0, 0.0], [inf, 2.0, 1.0]],
+        [[1e-200] * 3, [2e-200] * 3],
+        [[math.nan] * 3, [math.nan] * 3],
+        [[-1e100] * 3, [1e100] * 3],
+    ],
+)
+def test_degenerate_bounds_have_a_camera(bounds):
+    box = tame(np.array(bounds))
+    assert np.isfinite(box).all()
+    assert (box[1] >= box[0]).all()
+    camera = place(AUTOMATIC, np.array(bounds), 4 / 3)
+    at, depth = project(camera, corners(box), 4 / 3)
+    assert (depth > 0).all()
+    assert np.abs(at).max() < 1
+
+
+def test_an_up_along_the_view_is_replaced():
+    right, up, forward = basis((0, 0, 5), (0, 0, 0), (0, 0, 1))
+    axes = np.stack([right, up, forward])
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
+
+
+def test_rays_go_through_the_picture():
+    camera = Camera((0, -5, 0), (0, 0, 0), fov=90)
+    origins, directions = camera.rays(np.array([1.0, 2.0, 0.0]), np.array([1.0, 1.0, 0.0]), (2, 2))
+    np.testing.assert_allclose(origins, [[0, -5, 0]] * 3)
+    np.testing.assert_allclose(directions[0], [0, 1, 0], atol=1e-15)
+    assert directions[1, 0] == pytest.approx(math.sqrt(0.5))
+    assert directions[2, 0] < 0 < directions[2, 2]
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
+
+
+def test_a_lens_keeps_the_plane_of_focus_sharp():
+    camera = Camera((0, -5, 0), (0, 0, 0), aperture=1.0, focus=4.0)
+    lens = np.random.default_rng(1).random((50, 2))
+    origins, directions = camera.rays(np.full(50, 1.7), np.full(50, 0.4), (2, 2), lens)
+    t = (-1.0 - origins[:, 1]) / directions[:, 1]
+    points = origins + t[:, None] * directions
+    np.testing.assert_allclose(points, np.broadcast_to(points[0], points.shape), atol=1e-12)
+    assert np.ptp(origins[:, 0]) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ({"eye": (1, 2, 3), "target": (1, 2, 3)}, "same point"),
+        ({"fov": 0.0}, "fov"),
+        ({"fov": 180.0}, "fov"),
+        ({"up": (0, 0, 0)}, "up"),
+    ],
+)
+def test_impossible_cameras_are_refused(values, word):
+    with pytest.raises(UsageError, match=word):
+        place({**AUTOMATIC, **values}, np.array([[0.0] * 3, [1.0] * 3]), 1.0)

@@ -1,0 +1,239 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from typer.testing import CliRunner
+
+from pcsg.cli import app
+from pcsg.commands import guard as guarding
+from pcsg.commands.options import (
+    parse_assignments,
+    parse_memory,
+    parse_setting,
+    parse_size,
+)
+from pcsg.errors import EnvironmentFault, UsageError
+
+BALL = "sphere\n"
+PYTHON = [sys.executable, "-m", "pcsg"]
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ball.pcsg").write_text(BALL)
+
+    def call(*arguments):
+        result = CliRunner().invoke(app, list(arguments))
+        assert result.exception is None or isinstance(result.exception, SystemExit)
+        assert "Traceback" not in result.output
+        return result
+
+    return call
+
+
+def test_version(run):
+    result = run("--version")
+    assert result.exit_code == 0
+    assert result.stdout.startswith("pcsg 0.")
+
+
+@pytest.mark.parametrize("verb", ["render", "check", "stats", "graph"])
+def test_every_verb_has_help(run, verb):
+    result = run(verb, "--help")
+    assert result.exit_code == 0
+    assert "FILE" in result.stdout
+
+
+def test_nothing_heavy_is_loaded_for_help():
+    code = (
+        "import sys, pcsg.cli;"
+        "heavy = {'numpy', 'numba', 'lark', 'PIL', 'rich.progress'} & set(sys.modules);"
+        "assert not heavy, heavy"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["ball.pcsg", "--size", "0x5"], "size"),
+        (["ball.pcsg", "--size", "-4x5"], "size"),
+        (["ball.pcsg", "--size", "big"], "800x600"),
+        (["ball.pcsg", "--samples", "0"], "samples"),
+        (["ball.pcsg", "--threads", "0"], "threads"),
+        (["ball.pcsg", "--threads", "many"], "threads"),
+        (["ball.pcsg", "--max-memory", "lots"], "4G"),
+        (["ball.pcsg", "-D", "cnt"], "NAME=VALUE"),
+        (["ball.pcsg", "-D", "cnt=few"], "few"),
+        (["ball.pcsg", "--camera", "eie=1,2,3"], "did you mean `eye`"),
+        (["ball.pcsg", "--camera", "eye=1,2"], "1,2,3"),
+        (["ball.pcsg", "--sky", "kind=blue"], "gradient"),
+        (["ball.pcsg", "--sun", "strength=-1"], "between"),
+        (["ball.pcsg", "--sun", "strength=nan"], "nan"),
+        (["ball.pcsg", "--aov", "deepth"], "deepth"),
+        (["ball.pcsg", "-o", "."], "folder"),
+        (["ball.pcsg", "-o", "ball.gif"], ".png"),
+        (["ball.pcsg", "-o", "none/ball.png"], "no folder"),
+        ([], "FILE"),
+        (["ball.pcsg", "--unknown"], "unknown"),
+    ],
+)
+def test_wrong_arguments_of_render(run, tmp_path, arguments, word):
+    result = run("render", *arguments)
+    assert result.exit_code == 2
+    assert word in result.output
+    assert [p.name for p in tmp_path.iterdir()] == ["ball.pcsg"]
+
+
+def test_a_picture_that_does_not_fit_is_refused_at_once(run):
+    result = run("render", "ball.pcsg", "--size", "1000000000x1000000000")
+    assert result.exit_code == 1
+    assert "memory" in result.output
+
+
+def test_sizes():
+    assert parse_size("800x600") == (800, 600)
+    assert parse_size(" 1 X 2 ") == (1, 2)
+    assert parse_size("3\u00d74") == (3, 4)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("4G", 4 << 30), ("512M", 512 << 20), ("1.5gb", 3 << 29), ("100", 100), ("2 GiB", 2 << 30)],
+)
+def test_memory(text, value):
+    assert parse_memory(text) == value
+    assert parse_memory(None) is None
+
+
+def test_assignments_and_settings():
+    assert parse_assignments(["a=1", "b = -2.5e3", "a=3"]) == {"a": 3.0, "b": -2500.0}
+    assert parse_setting("camera", "eye=1,2,3 target=auto fov=20") == {
+        "eye": (1.0, 2.0, 3.0),
+        "target": None,
+        "fov": 20.0,
+    }
+    assert parse_setting("ground", "material=grass z=-1") == {"material": "grass", "z": -1.0}
+    assert parse_setting("sky", "kind=none") == {"kind": "none"}
+    with pytest.raises(UsageError, match="takes a number"):
+        parse_assignments(["a=inf"])
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "word"),
+    [
+        (UsageError("so not"), 2, "error: so not"),
+        (EnvironmentFault("no disk"), 1, "error: no disk"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (MemoryError(), 1, "memory"),
+        (OSError(28, "No space left on device", "x.png"), 1, "x.png: No space left"),
+        (RecursionError(), 2, "nested"),
+        (ZeroDivisionError("division"), 1, "mistake in pcsg"),
+    ],
+)
+def test_errors_become_messages_and_statuses(capsys, error, status, word):
+    @guarding.guard
+    def verb() -> None:
+        raise error
+
+    with pytest.raises(guarding.typer.Exit) as caught:
+        verb()
+    assert caught.value.exit_code == status
+    assert word in capsys.readouterr().err
+
+
+def test_a_picture(run, tmp_path):
+    result = run("render", "ball.pcsg", "--size", "40x30", "--samples", "4", "--aov", "depth")
+    assert result.exit_code == 0, result.output
+    assert result.stdout == ""
+    assert "ball.png: 40x30" in result.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "ball.depth.npy",
+        "ball.pcsg",
+        "ball.png",
+    ]
+
+
+def test_a_picture_in_json(run):
+    result = run("render", "ball.pcsg", "--size", "40x30", "--seed", "7", "--json", "-o", "b.png")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["files"] == ["b.png"]
+    assert told["size"] == [40, 30]
+    assert told["seed"] == "7"
+    assert told["rays"] > 1200
+
+
+def test_the_same_command_makes_the_same_file(run, tmp_path):
+    for name, threads in (("a.png", "1"), ("b.png", "3")):
+        arguments = ["--size", "60x40", "--threads", threads, "-o", name, "-q"]
+        assert run("render", "ball.pcsg", *arguments).output == ""
+
+    def pixels(name):
+        return (tmp_path / name).read_bytes().split(b"IDAT", 1)[1]
+
+    assert pixels("a.png") == pixels("b.png")
+
+
+@pytest.mark.parametrize("verb", ["render", "check", "stats"])
+def test_missing_files_and_folders(run, tmp_path, verb):
+    result = run(verb, "missing.pcsg")
+    assert result.exit_code in (1, 2)
+    assert "missing.pcsg" in result.output
+    (tmp_path / "folder.pcsg").mkdir()
+    result = run(verb, "folder.pcsg")
+    assert result.exit_code in (1, 2)
+    assert "folder.pcsg" in result.output
+
+
+def test_check(run, tmp_path):
+    assert run("check", "ball.pcsg").exit_code == 0
+    (tmp_path / "bad.pcsg").write_text("cilinder | spere\n")
+    result = run("check", "bad.pcsg")
+    assert result.exit_code == 2
+    assert "cylinder" in result.stdout
+    assert "sphere" in result.stdout
+    lines = run("check", "bad.pcsg", "--json").stdout.splitlines()
+    assert len(lines) == 2
+    assert all(json.loads(line)["severity"] == "error" for line in lines)
+
+
+def test_stats(run):
+    result = run("stats", "ball.pcsg", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["primitives"] == 1
+    assert "primitives" in run("stats", "ball.pcsg").stdout
+
+
+@pytest.mark.parametrize(
+    ("ending", "start"), [("svg", b"<"), ("dot", b"digraph"), ("png", b"\x89PNG")]
+)
+def test_graph(run, tmp_path, ending, start):
+    result = run("graph", "ball.pcsg", "-o", f"g.{ending}")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / f"g.{ending}").read_bytes().startswith(start)
+    assert run("graph", "ball.pcsg", "-o", "g.gif").exit_code == 2
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals differ there")
+def test_an_interrupt_keeps_the_partial_picture(tmp_path):
+    (tmp_path / "ball.pcsg").write_text(BALL)
+    arguments = ["render", "ball.pcsg", "--size", "3000x2000", "--samples", "1024"]
+    # Kernels are compiled beforehand, so that the interrupt meets the rendering.
+    warm = [*PYTHON, "render", "ball.pcsg", "--size", "8x8", "-q", "-o", "warm.png"]
+    subprocess.run(warm, cwd=tmp_path, check=True, timeout=300)
+    process = subprocess.Popen(
+        [*PYTHON, *arguments], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(5)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert "ball.png" in said
+    assert (tmp_path / "ball.png").read_bytes().startswith(b"\x89PNG")
