@@ -628,13 +628,14 @@ def combine(operator: str, a: Sequence[Event], b: Sequence[Event]) -> list[Event
         after_a = inside_a ^ (len(turns_a) % 2 == 1)
         after_b = inside_b ^ (len(turns_b) % 2 == 1)
         before, after = truth(inside_a, inside_b), truth(after_a, after_b)
-        if before != after:
-            kind = "enter" if after else "leave"
-            out.append(replace((turns_a + turns_b)[0], t=t, kind=kind))
-        for which, group, around in (
-            (0, group_a, (inside_b, after_b)),
-            (1, group_b, (inside_a, after_a)),
+        # Everything of A stands before everything of B, of each the crossing before the sheets.
+        for which, turns, group, around in (
+            (0, turns_a, group_a, (inside_b, after_b)),
+            (1, turns_b, group_b, (inside_a, after_a)),
         ):
+            if before != after and turns and (which == 0 or not turns_a):
+                kind = "enter" if after else "leave"
+                out.append(replace(turns[0], t=t, kind=kind))
             if _SHEET_STAYS[operator, which](*around):
                 out += [replace(e, t=t) for e in group if e.kind == "sheet"]
         inside_a, inside_b = after_a, after_b

@@ -200,9 +200,14 @@ def test_sheet_with_sheet() -> None:
     assert told(combine("difference", a, b)) == [(5.0, "sheet", 1)]
 
 
-def test_sheets_stand_after_the_crossing_of_their_group() -> None:
-    found = combine("union", sheets(1, 5.0), crossings(2, 5.0, 9.0))
-    assert told(found) == [(5.0, "enter", 2), (5.0, "sheet", 1), (9.0, "leave", 2)]
+def test_of_sheet_and_face_the_first_in_the_text_stands_first() -> None:
+    sheet, faces = sheets(1, 5.0), crossings(2, 5.0, 9.0)
+    assert told(combine("union", sheet, faces)) == [
+        (5.0, "sheet", 1), (5.0, "enter", 2), (9.0, "leave", 2)
+    ]  # fmt: skip
+    assert told(combine("union", faces, sheet)) == [
+        (5.0, "enter", 2), (5.0, "sheet", 1), (9.0, "leave", 2)
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

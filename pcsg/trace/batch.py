@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -43,10 +44,10 @@ class Surface(NamedTuple):
 
 @njit
 def _take_first_event(tables: Tables, scratch: Scratch, n: int, ray: Ray) -> int:
-    """Make the first of n events in [tmin, tmax] the first hit; return whether there is one."""
+    """Make the first of n finite events in [tmin, tmax] the first hit; return how many hit."""
     for k in range(n):
         t = scratch.event_t[k]
-        if ray.tmin <= t <= ray.tmax:
+        if ray.tmin <= t <= ray.tmax and not math.isinf(t):
             scratch.best[0] = t
             copy_record(scratch.records, scratch.record_about, scratch.event_about[2 * k])
             m = chain_map(

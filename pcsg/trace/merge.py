@@ -87,28 +87,35 @@ def merge(
                 in_a = 1 - in_a
                 if record < 0:
                     record = about[2 * k]
+        from_a = record >= 0
         for k in range(b, b_next):
             if about[2 * k + 1] == CROSSING:
                 in_b = 1 - in_b
                 if record < 0:
                     record = about[2 * k]
-        if truth(table, was_a, was_b) != truth(table, in_a, in_b):
-            out_t[n] = at
-            out_about[2 * n] = record
-            out_about[2 * n + 1] = CROSSING
-            n += 1
+        changes = truth(table, was_a, was_b) != truth(table, in_a, in_b)
 
         # A sheet stays where a point more or less of its operand changes the result.
         a_shows = truth(table, 0, was_b) != truth(table, 1, was_b)
         a_shows |= truth(table, 0, in_b) != truth(table, 1, in_b)
         b_shows = truth(table, was_a, 0) != truth(table, was_a, 1)
         b_shows |= truth(table, in_a, 0) != truth(table, in_a, 1)
+        if changes and from_a:
+            out_t[n] = at
+            out_about[2 * n] = record
+            out_about[2 * n + 1] = CROSSING
+            n += 1
         for k in range(a, a_next):
             if about[2 * k + 1] == SHEET and a_shows:
                 out_t[n] = at
                 out_about[2 * n] = about[2 * k]
                 out_about[2 * n + 1] = SHEET
                 n += 1
+        if changes and not from_a:
+            out_t[n] = at
+            out_about[2 * n] = record
+            out_about[2 * n + 1] = CROSSING
+            n += 1
         for k in range(b, b_next):
             if about[2 * k + 1] == SHEET and b_shows:
                 out_t[n] = at
