@@ -1,8 +1,92 @@
 """pcsg: a language and ray tracer for natural scenes of any complexity.
 
-Names are loaded on first use, so that ``import pcsg`` is instant.
+Names are loaded on first use, so that ``import pcsg`` is instant. Every transformation, attribute
+and primitive of the language is a name here, too: ``move``, ``color``, ``sphere``...
 """
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from pcsg.errors import (
+        EnvironmentFault,
+        EvaluationFault,
+        GrammarError,
+        PcsgError,
+        UsageError,
+    )
+    from pcsg.graph.build import C, S, define
+    from pcsg.graph.expr import P, and_, call, if_, not_, or_
+    from pcsg.graph.graph import Graph
+    from pcsg.render import Image, render
+    from pcsg.scene import Scene, load, loads
+    from pcsg.trace.hits import Hits, Spans
+
+_HOMES = {
+    "C": "pcsg.graph.build",
+    "EnvironmentFault": "pcsg.errors",
+    "EvaluationFault": "pcsg.errors",
+    "GrammarError": "pcsg.errors",
+    "Graph": "pcsg.graph.graph",
+    "Hits": "pcsg.trace.hits",
+    "Image": "pcsg.render",
+    "P": "pcsg.graph.expr",
+    "PcsgError": "pcsg.errors",
+    "S": "pcsg.graph.build",
+    "Scene": "pcsg.scene",
+    "Spans": "pcsg.trace.hits",
+    "UsageError": "pcsg.errors",
+    "and_": "pcsg.graph.expr",
+    "call": "pcsg.graph.expr",
+    "define": "pcsg.graph.build",
+    "if_": "pcsg.graph.expr",
+    "load": "pcsg.scene",
+    "loads": "pcsg.scene",
+    "not_": "pcsg.graph.expr",
+    "or_": "pcsg.graph.expr",
+    "render": "pcsg.render",
+}
+
+__all__ = [
+    "C",
+    "EnvironmentFault",
+    "EvaluationFault",
+    "GrammarError",
+    "Graph",
+    "Hits",
+    "Image",
+    "P",
+    "PcsgError",
+    "S",
+    "Scene",
+    "Spans",
+    "UsageError",
+    "and_",
+    "call",
+    "define",
+    "if_",
+    "load",
+    "loads",
+    "not_",
+    "or_",
+    "render",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    if not name.startswith("_"):
+        constructors = import_module("pcsg.graph.build").CONSTRUCTORS
+        if name in constructors:
+            return constructors[name]
+    raise AttributeError(f"module 'pcsg' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    constructors = import_module("pcsg.graph.build").CONSTRUCTORS
+    return sorted({*globals(), *__all__, *constructors})

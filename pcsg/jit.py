@@ -8,6 +8,7 @@ because numba's own key knows neither globals nor functions of other files.
 
 from __future__ import annotations
 
+import dis
 import hashlib
 import linecache
 import tempfile
@@ -100,7 +101,9 @@ def plain(kernel: Any) -> Callable[..., Any]:
     """
     function: types.FunctionType = getattr(kernel, "py_func", kernel)
     scope = dict(function.__globals__)
-    for name in function.__code__.co_names:
+    # Not `co_names`: these have attributes too, such as the `sin` of `math.sin`.
+    names = {i.argval for i in dis.get_instructions(function) if i.opname == "LOAD_GLOBAL"}
+    for name in names:
         if hasattr(scope.get(name), "py_func"):
             scope[name] = plain(scope[name])
     return types.FunctionType(

@@ -8,8 +8,10 @@ agree bit for bit. Every result is checked: NaN or infinity is a fault.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -326,28 +328,36 @@ class Program:
                 elif op == TRUTH:
                     stack[-1] = 1.0 if stack[-1] != 0.0 else 0.0
                 else:
-                    x = self._apply(op, a, b, stack, params)
+                    try:
+                        x = self._apply(op, a, b, stack, params)
+                    except (ValueError, OverflowError, ZeroDivisionError):
+                        x = math.nan
                     if not math.isfinite(x):
                         raise Fault(NOT_FINITE, at)
                     stack.append(x)
                 at += 1
 
     def _apply(self, op: int, a: int, b: int, stack: list[float], params: list[float]) -> float:
-        """Pop the arguments of a function and return its value, NaN where it has none."""
-        form = _FORM_OF_CODE[op]
-        kernel = plain(_BY_FORM[form][a].kernel)
-        count = {UNARY: 1, BINARY: 2, TERNARY: 3, WORLD: 3}.get(op, b & 0xFFFF)
+        """Pop the arguments of a function and return its value; it may raise where it has none."""
+        kernel = _twins(op)[a]
+        if op == BINARY:
+            right = stack.pop()
+            return float(kernel(stack.pop(), right))
+        if op == UNARY:
+            return float(kernel(stack.pop()))
+        count = b & 0xFFFF if op == RANDOM else 3
         args = stack[len(stack) - count :]
         del stack[len(stack) - count :]
-        try:
-            if op == RANDOM:
-                return float(kernel(args, 0, count, b >> 16))
-            if op == WORLD:
-                frame = Affine(*params[self.frame_slot : self.frame_slot + 12])
-                return float(kernel(frame, Vec3(*args)))
-            return float(kernel(*args))
-        except (ValueError, OverflowError, ZeroDivisionError):
-            return math.nan
+        if op == RANDOM:
+            return float(kernel(args, 0, count, b >> 16))
+        if op == WORLD:
+            frame = Affine(*params[self.frame_slot : self.frame_slot + 12])
+            return float(kernel(frame, Vec3(*args)))
+        return float(kernel(*args))
 
 
-_FORM_OF_CODE = {code: form for form, code in _FORM_CODE.items()}
+@cache
+def _twins(op: int) -> tuple[Callable[..., Any], ...]:
+    """Return the Python twins of the functions of one operation code."""
+    (form,) = (form for form, code in _FORM_CODE.items() if code == op)
+    return tuple(plain(f.kernel) for f in _BY_FORM[form])

@@ -1,0 +1,109 @@
+"""The axiom's parameters and the scene's settings as numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from pcsg.errors import Diagnostic, GrammarError
+from pcsg.graph.expr import Expr
+from pcsg.graph.graph import GLOBALS, Graph
+from pcsg.graph.settings import SETTINGS, Setting, ValueKind
+from pcsg.graph.tape import Fault, Program
+
+
+def axiom_values(graph: Graph, values: Mapping[str, float]) -> dict[str, float]:
+    """Return what the axiom's leading block assigns, with the globals that it reads.
+
+    Raises
+    ------
+    GrammarError
+        An assignment has no finite value.
+    """
+    block = graph.axiom_block
+    known = {**GLOBALS, **values}
+    for name, expr in block.assignments if block else ():
+        known[name] = _evaluate(expr, known)
+    return known
+
+
+def setting_values(graph: Graph, kind: str, known: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Return the settings of a kind in the order of the text, defaults filled in.
+
+    Parameters
+    ----------
+    known
+        Values of the parameters that settings may read.
+
+    Returns
+    -------
+    list of dict
+        A number, a tuple of three numbers or a text for every key, None where it is automatic;
+        ``name`` for named settings.
+
+    Raises
+    ------
+    GrammarError
+        A value is not finite or outside its range.
+    """
+    return [_values(setting, known) for setting in graph.settings_of(kind)]
+
+
+def setting_defaults(kind: str) -> dict[str, Any]:
+    """Return the default of every key of a setting."""
+    return {key: k.default for key, k in SETTINGS[kind].keys.items()}
+
+
+def _values(setting: Setting, known: Mapping[str, float]) -> dict[str, Any]:
+    found = setting_defaults(setting.kind.name)
+    if setting.name is not None:
+        found["name"] = setting.name
+    for key, written in setting.values.items():
+        if isinstance(written, str):
+            found[key] = written
+            continue
+        numbers = tuple(_evaluate(expr, known) for expr in written)
+        spec = setting.kind.keys[key]
+        for x in numbers:
+            if not spec.low <= x <= spec.high:
+                raise GrammarError(
+                    [
+                        Diagnostic(
+                            "setting-range",
+                            f"`{key}` of `{setting.kind.name}` is {x:g}",
+                            getattr(written[0], "span", None) or setting.span,
+                            expected=f"a number from {spec.low:g} to {spec.high:g}",
+                        )
+                    ]
+                )
+        found[key] = numbers[0] if spec.kind is ValueKind.NUMBER else numbers
+    return found
+
+
+def _evaluate(expr: Expr, known: Mapping[str, float]) -> float:
+    """Return the value of an expression over known parameters."""
+    names = list(known)
+    program = Program({name: k for k, name in enumerate(names)})
+    try:
+        at = program.add([expr])
+        return program.evaluate(at, [known[name] for name in names])[0]
+    except Fault as fault:
+        span = program.span(fault.instruction) or getattr(expr, "span", None)
+        message = "the result is not a finite number"
+    except KeyError as missing:
+        span = getattr(expr, "span", None)
+        message = f"parameter {missing.args[0]} has no value here"
+    shown = ", ".join(f"{name} = {value:g}" for name, value in known.items() if value == value)
+    raise GrammarError(
+        [Diagnostic("not-finite", message, span, notes=((f"parameters: {shown}", None),))]
+    )
+
+
+def unit(direction: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the unit vector of a direction, +z for zero."""
+    length = math.hypot(*direction)
+    if length == 0.0:
+        return (0.0, 0.0, 1.0)
+    x, y, z = direction
+    return (x / length, y / length, z / length)

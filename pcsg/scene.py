@@ -1,0 +1,232 @@
+"""A scene: a grammar with values, ready for rays and pictures."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pcsg.errors import GrammarError
+from pcsg.graph.bounds import HyperBoxes, hyper_boxes
+from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, unit
+from pcsg.graph.graph import GLOBALS, Graph
+from pcsg.graph.nodes import Combinable, as_node
+from pcsg.graph.states import StateGraph, enumerate_states
+from pcsg.graph.stats import graph_stats
+from pcsg.graph.termination import check_termination
+from pcsg.graph.text import to_pcsg
+from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.walker import Walker
+
+
+def load(
+    path: str | PathLike[str],
+    *,
+    include: Sequence[str | PathLike[str]] = (),
+    parameters: Mapping[str, float] | None = None,
+    threads: int | None = None,
+    max_memory: int | None = None,
+    **more: float,
+) -> Scene:
+    """Return the scene of a grammar file.
+
+    Parameters
+    ----------
+    include
+        Folders beside the file's own that ``#include`` may reach.
+    parameters, **more
+        Values in place of those that the axiom assigns; SEED and TIME.
+    threads, max_memory
+        As for `Scene`.
+
+    Raises
+    ------
+    GrammarError
+        With everything that is wrong with the file.
+    UsageError
+        A parameter is not the axiom's.
+    EnvironmentFault
+        The file cannot be read.
+    """
+    from pcsg.grammar import load_file
+
+    graph = load_file(path, include=include)
+    values = {**(parameters or {}), **more}
+    return Scene(graph, values, threads=threads, max_memory=max_memory)
+
+
+def loads(
+    text: str,
+    *,
+    name: str = "<text>",
+    parameters: Mapping[str, float] | None = None,
+    threads: int | None = None,
+    max_memory: int | None = None,
+    **more: float,
+) -> Scene:
+    """Return the scene of a grammar in a string; arguments as for `load`."""
+    from pcsg.grammar import load_text
+
+    graph = load_text(text, name=name)
+    values = {**(parameters or {}), **more}
+    return Scene(graph, values, threads=threads, max_memory=max_memory)
+
+
+class Scene:
+    """A grammar with values.
+
+    Parameters
+    ----------
+    solid
+        A graph, or a solid built in Python.
+    parameters
+        Values in place of those that the axiom assigns; SEED and TIME.
+    threads
+        Most threads of one call; by default one for each processor. Results do not depend on it.
+    max_memory
+        Bytes that rays may use for their work; by default half of the machine's.
+
+    Raises
+    ------
+    GrammarError
+        The graph cannot terminate, or a fault was found among its states.
+    UsageError
+        A parameter is not the axiom's.
+    """
+
+    def __init__(
+        self,
+        solid: Graph | Combinable,
+        parameters: Mapping[str, float] | None = None,
+        *,
+        threads: int | None = None,
+        max_memory: int | None = None,
+    ) -> None:
+        graph = solid if isinstance(solid, Graph) else Graph(as_node(solid))
+        given = dict(parameters or {})
+        values: dict[str, float] = {}
+        for name in ("SEED", "TIME"):
+            if name in given:
+                values[name] = float(given.pop(name))
+        self.graph = graph.override(given)
+        errors = check_termination(self.graph)
+        if errors:
+            raise GrammarError(errors)
+        sun = self._sun({**GLOBALS, **values})
+        self.values: dict[str, float] = {**GLOBALS, **values, **sun}
+        """Values of the global parameters."""
+        faults = self.states.diagnostics
+        if faults:
+            raise GrammarError(faults)
+        self._threads = threads
+        self._max_memory = max_memory
+
+    def _sun(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the direction towards the sun as the parameters SUNX, SUNY, SUNZ."""
+        written = setting_values(self.graph, "sun", axiom_values(self.graph, values))
+        values_of_sun = written[0] if written else setting_defaults("sun")
+        x, y, z = unit(values_of_sun["direction"])
+        return {"SUNX": x, "SUNY": y, "SUNZ": z}
+
+    @cached_property
+    def states(self) -> StateGraph:
+        """The graph unrolled over its states, as far as the budget goes."""
+        return enumerate_states(self.graph, self.values)
+
+    @cached_property
+    def boxes(self) -> HyperBoxes:
+        """Hyper-bounding boxes of the nodes."""
+        return hyper_boxes(self.graph, self.values, self.states)
+
+    @cached_property
+    def tracer(self) -> Walker:
+        """Who answers the rays."""
+        limit = {} if self._max_memory is None else {"max_bytes": self._max_memory}
+        return Walker(
+            self.graph, self.values, boxes=self.boxes.boxes, threads=self._threads, **limit
+        )
+
+    @cached_property
+    def parameters(self) -> dict[str, float]:
+        """Values of the axiom's parameters, with SEED and TIME."""
+        values = axiom_values(self.graph, self.values)
+        return {name: x for name, x in values.items() if not name.startswith("SUN")}
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Corners of the box about the bounded parts, float64 (2, 3); +inf, -inf if empty."""
+        box = self.boxes.scene_box
+        return np.array([box.lower, box.upper])
+
+    @cached_property
+    def source_hash(self) -> str:
+        """Digest of the grammar with its overrides, in hexadecimal."""
+        return hashlib.sha256(self.to_pcsg().encode()).hexdigest()[:16]
+
+    def setting_values(self, kind: str) -> list[dict[str, Any]]:
+        """Return the settings of a kind, defaults filled in, None where automatic."""
+        return setting_values(self.graph, kind, axiom_values(self.graph, self.values))
+
+    def setting_numbers(self, kind: str) -> Mapping[str, int]:
+        """Return the number of every named setting of a kind."""
+        return self.graph.numbers_of(kind)
+
+    def intersect(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = math.inf,
+    ) -> Hits:
+        """Find the first crossing of every ray in the closed [t_min, t_max]; exits count.
+
+        Parameters
+        ----------
+        origins, directions : array_like (N, 3)
+            World coordinates. Directions need not be unit; t is in their lengths.
+        t_min, t_max : array_like, scalar or (N,)
+
+        Raises
+        ------
+        UsageError
+            Shapes do not fit, or a ray is zero or not finite.
+        EvaluationFault
+            A ray met a fault of the grammar.
+        """
+        return self.tracer.intersect(origins, directions, t_min, t_max)
+
+    def occluded(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = math.inf,
+    ) -> NDArray[np.bool_]:
+        """Find whether every ray crosses anything, bool (N,); arguments as for `intersect`."""
+        return self.tracer.occluded(origins, directions, t_min, t_max)
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Find whether the solid contains points (N, 3), bool (N,)."""
+        return self.tracer.contains(points)
+
+    def spans(self, origins: ArrayLike, directions: ArrayLike) -> Spans:
+        """Find all inside intervals of every ray, on the whole line."""
+        return self.tracer.spans(origins, directions)
+
+    def stats(self) -> dict[str, Any]:
+        """Return statistics of the scene: see `graph_stats`."""
+        nbytes = {"graph": self.tracer.tables.nbytes}
+        return graph_stats(self.graph, self.values, self.states, self.boxes, nbytes)
+
+    def to_pcsg(self) -> str:
+        """Return the scene as text of the language."""
+        return to_pcsg(self.graph)
+
+    def __repr__(self) -> str:
+        return f"<pcsg.Scene of {len(self.graph.nodes)} nodes>"

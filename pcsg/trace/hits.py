@@ -1,0 +1,67 @@
+"""What a batch of rays is answered with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Hits:
+    """First crossings of N rays.
+
+    Attributes
+    ----------
+    t : float64 (N,)
+        Infinite where missed.
+    position, normal : float64 (N, 3)
+        World coordinates; normals are unit and outward (of sheets: by the order of the vertices).
+        Zero where missed.
+    uv : float64 (N, 2)
+        Surface coordinates of the leaf.
+    leaf : int64 (N,)
+        Number of the leaf node in the graph, -1 where missed.
+    label, material, texture : int64 (N,)
+        -1 where none is set. Materials and textures count in the order of the settings.
+    color : float64 (N, 3)
+        -1 where none is set.
+    texture_scale : float64 (N,)
+        Second argument of `texture`.
+    """
+
+    t: NDArray[np.float64]
+    position: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    uv: NDArray[np.float64]
+    leaf: NDArray[np.int64]
+    label: NDArray[np.int64]
+    color: NDArray[np.float64]
+    material: NDArray[np.int64]
+    texture: NDArray[np.int64]
+    texture_scale: NDArray[np.float64]
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Which rays hit, bool (N,)."""
+        return self.leaf >= 0
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True)
+class Spans:
+    """Inside intervals of N rays; those of ray i are ``[offsets[i], offsets[i + 1])``.
+
+    Attributes
+    ----------
+    offsets : int64 (N + 1,)
+    t_in, t_out : float64 (offsets[-1],)
+        Where a ray enters and leaves; equal for a sheet, infinite for unbounded solids.
+    """
+
+    offsets: NDArray[np.int64]
+    t_in: NDArray[np.float64]
+    t_out: NDArray[np.float64]
