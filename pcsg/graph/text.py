@@ -12,6 +12,7 @@ from pcsg.graph.expr import Apply, Expr, Number, Parameter, parameters_of, signa
 from pcsg.graph.graph import Graph, expressions
 from pcsg.graph.nodes import (
     Attribute,
+    AttributedForm,
     Calculation,
     Leaf,
     Node,
@@ -284,12 +285,12 @@ class _Writer:
         return isinstance(node, Operation) and not named and node.operator.precedence < least
 
     def _module(self, module: Selection) -> Iterator[str]:
-        if module.attributed is not None:
-            yield from self._attributed_rules(module)
-            return
         if sorted(module.rules) != list(range(1, len(module.rules) + 1)) or not module.rules:
             numbers = ", ".join(str(k) for k in sorted(module.rules)) or "none"
             raise UsageError(f"module `{module.name}` needs rules 1, 2, ...; it has {numbers}")
+        if module.attributed is not None:
+            yield from self._attributed_rules(module)
+            return
         if module.select is not None:
             text = expr_text(module.select)
             # A minus after a name would be a difference.
@@ -305,6 +306,11 @@ class _Writer:
         count = len(module.rules)
         if not len(form.labels) == len(form.conditions) == count:
             raise UsageError(f"module `{module.name}` needs a label and a condition for every rule")
+        derived = _select_of(form)
+        if (module.select and signature(module.select)) != (derived and signature(derived)):
+            raise UsageError(
+                f"the selection function of module `{module.name}` differs from its conditions"
+            )
         formals = ", ".join(form.formals)
         for k, (label, condition) in enumerate(zip(form.labels, form.conditions, strict=True)):
             if condition is not None:
@@ -364,6 +370,17 @@ class _Writer:
             parts += [Mark.BREAK] if k else []
             parts.append(text + (";" if k < len(texts) - 1 else ""))
         return [*parts, Mark.CLOSE, "}", Mark.FILL, (node.successor, _UNARY)]
+
+
+def _select_of(form: AttributedForm) -> Expr | None:
+    """Return the selection function that conditions stand for: the first that holds is taken."""
+    if form.conditions == (None,):
+        return None
+    select: Expr = Number(0.0)
+    for k, condition in reversed(list(enumerate(form.conditions, 1))):
+        taken = Number(float(k))
+        select = taken if condition is None else Apply("if", (condition, taken, select))
+    return select
 
 
 def _parameters_written(node: Node) -> Sequence[str]:

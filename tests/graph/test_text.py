@@ -16,7 +16,7 @@ from pcsg.graph.build import CONSTRUCTORS, C, S, define
 from pcsg.graph.expr import Apply, Expr, Number, P, Parameter, apply, call, seeds_first, signature
 from pcsg.graph.functions import FUNCTIONS
 from pcsg.graph.graph import Graph
-from pcsg.graph.nodes import Calculation, Leaf, Operation, Transformation
+from pcsg.graph.nodes import AttributedForm, Calculation, Leaf, Operation, Transformation
 from pcsg.graph.operators import DIFFERENCE, UNION
 from pcsg.graph.pretty import Mark, format_tokens
 from pcsg.graph.text import expr_text, number_text, to_pcsg
@@ -210,6 +210,20 @@ def test_other_things_that_the_language_cannot_say_are_refused() -> None:
     loop.successor = loop
     with pytest.raises(UsageError, match="contains itself"):
         to_pcsg(Graph(loop))
+
+
+def test_an_attributed_module_is_written_with_its_calls() -> None:
+    module = S("S", call("if", P.c > 0, 1, 2))
+    module.attributed = AttributedForm(("c",), ("p1", "p2"), (P.c > 0, None))
+    module.rule(1, Calculation((("c", P.c - 1),), module, call=True)).rule(2, sphere())
+    lines = to_pcsg(Graph(C(c=2) * module)).splitlines()
+    assert lines == ["{c = 2} S", "", "p1: S(c): c > 0 -> S(c - 1)", "p2: S(c): else -> sphere"]
+    module.select = call("if", P.c > 1, 1, 2)
+    with pytest.raises(UsageError, match="differs from its conditions"):
+        to_pcsg(Graph(C(c=2) * module))
+    module.attributed = None
+    with pytest.raises(UsageError, match="a call must assign the formals"):
+        to_pcsg(Graph(C(c=2) * module))
 
 
 def test_nesting_has_no_limit() -> None:
