@@ -1,0 +1,308 @@
+"""Checks of every name and every number of arguments, wherever it stands in the files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from pcsg.catalogue import diagnose
+from pcsg.errors import Diagnostic, SourceSpan, suggest
+from pcsg.grammar import syntax
+from pcsg.grammar.names import Names
+from pcsg.grammar.syntax import Arguments, Solid
+from pcsg.graph.attributes import ATTRIBUTES
+from pcsg.graph.expr import Apply, Expr, Parameter, operands, postorder
+from pcsg.graph.functions import FUNCTIONS, Form
+from pcsg.graph.settings import SETTINGS
+from pcsg.graph.transforms import TRANSFORMS
+from pcsg.leaf import LEAF_NAMES
+
+MAX_ARGUMENTS = 1000
+"""Largest number of arguments of a function that takes any number."""
+
+CALLABLE = tuple(n for n in FUNCTIONS if n.isidentifier() and n not in ("and", "or", "not", "neg"))
+"""Names of the functions that are written with parentheses."""
+
+Part = syntax.Use | syntax.Primitive | syntax.Unary | syntax.Block
+
+
+def parts_of(solid: Solid | None) -> Iterator[Part]:
+    """Yield uses, primitives, unary operators and blocks in the order of the text."""
+    stack: list[Solid | Part] = [solid] if solid is not None else []
+    while stack:
+        item = stack.pop()
+        if isinstance(item, syntax.Combination):
+            stack.extend(reversed(item.operands))
+        elif isinstance(item, syntax.Prefixed):
+            stack.append(item.operand)
+            stack.extend(reversed(item.prefixes))
+        else:
+            yield item
+
+
+def bodies_of(names: Names) -> Iterator[Solid | None]:
+    """Yield every expression for a solid in the files."""
+    if names.axiom:
+        yield names.axiom.solid
+    for entry in names.modules.values():
+        yield from (rule.solid for rule in entry.rules.values())
+        yield from (rule.solid for rule in entry.attributed)
+    yield from (definition.solid for definition in names.definitions.values())
+
+
+def check_names(names: Names) -> list[Diagnostic]:
+    """Check all expressions of the files against the tables and the registries."""
+    problems: list[Diagnostic] = []
+    materials = _setting_names(names)
+    for body in bodies_of(names):
+        for part in parts_of(body):
+            problems += _check_part(part, names, materials)
+    for entry in names.modules.values():
+        selections = [entry.declaration.select] if entry.declaration else []
+        conditions = [r.condition for r in entry.attributed if r.condition is not None]
+        problems += check_numbers([*selections, *conditions])
+    return [*problems, *_definition_cycles(names)]
+
+
+def check_numbers(exprs: Iterable[Expr]) -> list[Diagnostic]:
+    """Check the functions that expressions call, and their numbers of arguments."""
+    problems: list[Diagnostic] = []
+    for root in exprs:
+        for expr in postorder(root, operands):
+            if isinstance(expr, Apply):
+                problems += _check_function(expr)
+    return problems
+
+
+def _check_function(expr: Apply) -> list[Diagnostic]:
+    function = FUNCTIONS.get(expr.function)
+    written = expr.span is not None and expr.function.isidentifier()
+    if not written or expr.function in ("and", "or", "not", "neg"):
+        return []  # an operator
+    if function is None:
+        message = f"unknown function `{expr.function}`"
+        hint = suggest(expr.function, CALLABLE)
+        return [diagnose("unknown-function", message, expr.span, hint=hint)]
+    if expr.function == "choose":
+        if expr.seeds < 1:
+            expected = "`choose(seed, ...; weight, ...)`"
+            message = "`choose` needs a `;` between seeds and weights"
+            return [diagnose("wrong-arguments", message, expr.span, expected=expected)]
+    elif expr.seeds:
+        message = f"`{expr.function}` takes no `;` among its arguments"
+        return [diagnose("wrong-arguments", message, expr.span)]
+    least, most = function.arity
+    if most is None or function.form is Form.RANDOM:
+        most = most or MAX_ARGUMENTS
+    return _check_count(expr.function, len(expr.args), least, most, expr.span, function.summary)
+
+
+def _check_count(
+    name: str, count: int, least: int, most: int, span: SourceSpan | None, usage: str | None = None
+) -> list[Diagnostic]:
+    if least <= count <= most:
+        return []
+    if most == MAX_ARGUMENTS and count < least:
+        wanted = f"at least {least}"
+    else:
+        wanted = str(least) if least == most else f"{least} to {most}"
+    plural = "" if wanted in ("1", "at least 1") else "s"
+    message = f"`{name}` takes {wanted} argument{plural}, not {count}"
+    return [diagnose("wrong-arguments", message, span, expected=usage)]
+
+
+def _setting_names(names: Names) -> dict[str, set[str]]:
+    found: dict[str, set[str]] = {kind: set() for kind, s in SETTINGS.items() if s.named}
+    for item in names.settings:
+        if item.name and item.kind.text in found:
+            found[item.kind.text].add(item.name.text)
+    return found
+
+
+def _check_part(
+    part: Part, names: Names, setting_names: Mapping[str, set[str]]
+) -> list[Diagnostic]:
+    if isinstance(part, syntax.Block):
+        return check_numbers(expr for _, expr in part.assignments)
+    problems = check_numbers(part.arguments.values) if part.arguments else []
+    if isinstance(part, syntax.Use):
+        return [*problems, *_check_use(part, names)]
+    if isinstance(part, syntax.Primitive):
+        parameters = LEAF_NAMES[part.name].parameters
+        least = sum(1 for p in parameters if p.default is None)
+        usage = f"`{part.name}({', '.join(p.name for p in parameters)})`"
+        count = len(part.arguments.values)
+        expected = usage if parameters else None
+        problems += _check_seeds(part.name, part.arguments, part.span)
+        return problems + _check_count(part.name, count, least, len(parameters), part.span, expected)
+    if part.attribute:
+        return [*problems, *_check_attribute(part, names, setting_names)]
+    return [*problems, *_check_transformation(part)]
+
+
+def _check_seeds(name: str, arguments: Arguments, span: SourceSpan) -> list[Diagnostic]:
+    if not arguments.seeds:
+        return []
+    message = f"`{name}` takes no `;` among its arguments"
+    return [diagnose("wrong-arguments", message, span)]
+
+
+def _check_use(use: syntax.Use, names: Names) -> list[Diagnostic]:
+    """Check a name that stands for a solid, and the arguments of a call."""
+    entry = names.modules.get(use.name)
+    if entry is None and use.name not in names.definitions:
+        return [_unknown_name(use, names)]
+    if use.arguments is None:
+        return []
+    count = len(use.arguments.values)
+    problems = _check_seeds(use.name, use.arguments, use.span)
+    formals = entry.formals if entry else None
+    if entry is not None and formals is not None:
+        usage = f"`{use.name}({', '.join(formals)})`"
+        return problems + _check_count(
+            use.name, count, len(formals), len(formals), use.span, usage
+        )
+    if entry is not None and entry.incomplete:
+        return problems
+    what = f"module `{use.name}`" if entry else f"definition `{use.name}`"
+    hint = f"assign parameters before it: `{{c = ...}} {use.name}`"
+    return [*problems, diagnose("not-callable", f"{what} takes no arguments", use.span, hint=hint)]
+
+
+def _unknown_name(use: syntax.Use, names: Names) -> Diagnostic:
+    """Return the diagnostic of a name that nothing has; capitals are for modules."""
+    known = [*names.modules, *names.definitions, *LEAF_NAMES]
+    hint = suggest(use.name, known)
+    if use.name[:1].isupper():
+        hint = hint or f"add rules: `1: {use.name} -> ...`"
+        return diagnose("unknown-module", f"unknown module `{use.name}`", use.span, hint=hint)
+    if hint is None and (use.name in TRANSFORMS or suggest(use.name, TRANSFORMS)):
+        hint = suggest(use.name, TRANSFORMS)
+    message = f"unknown primitive `{use.name}`"
+    expected = "a primitive, a definition or a module"
+    return diagnose("unknown-primitive", message, use.span, expected=expected, hint=hint)
+
+
+def _check_transformation(part: syntax.Unary) -> list[Diagnostic]:
+    transform = TRANSFORMS.get(part.name)
+    if transform is None:
+        hint = suggest(part.name, [*TRANSFORMS, *ATTRIBUTES])
+        message = f"unknown transformation `{part.name}`"
+        return [diagnose("unknown-transformation", message, part.span, hint=hint)]
+    count = len(transform.parameters)
+    usage = f"`{part.name}({', '.join(transform.parameters)})`"
+    seeds = _check_seeds(part.name, part.arguments, part.span)
+    given = len(part.arguments.values)
+    return seeds + _check_count(part.name, given, count, count, part.span, usage)
+
+
+def _check_attribute(
+    part: syntax.Unary, names: Names, setting_names: Mapping[str, set[str]]
+) -> list[Diagnostic]:
+    kind = ATTRIBUTES[part.name]
+    values = part.arguments.values
+    problems = _check_seeds(part.name, part.arguments, part.span)
+    least, most = kind.arity
+    if kind.refers_to is None:
+        return problems + _check_count(part.name, len(values), least, most, part.span)
+    problems += _check_count(part.name, len(values), least + 1, most + 1, part.span)
+    if not values:
+        return problems
+    reference = values[0]
+    if not isinstance(reference, Parameter):
+        span = getattr(reference, "span", None) or part.span
+        expected = f"the name of a {kind.refers_to}"
+        return [*problems, diagnose("bad-value", "this is not a name", span, expected=expected)]
+    known = setting_names[kind.refers_to]
+    broken = any(b.kind == "setting" for b in names.broken)
+    if reference.name not in known and not broken:
+        problems.append(unknown_reference(kind.refers_to, reference.name, reference.span, known))
+    return problems
+
+
+def unknown_reference(
+    kind: str, name: str, span: SourceSpan | None, known: Iterable[str]
+) -> Diagnostic:
+    """Return the diagnostic of the name of a material or texture that is not there."""
+    hint = suggest(name, known) or f"add `{kind} {name} {{ ... }}`"
+    return diagnose(f"unknown-{kind}", f"unknown {kind} `{name}`", span, hint=hint)
+
+
+def definition_order(names: Names) -> tuple[list[str], list[list[str]]]:
+    """Return the definitions, those used before those that use them, and their cycles."""
+    uses = {
+        name: [
+            part.name
+            for part in parts_of(definition.solid)
+            if isinstance(part, syntax.Use) and part.name in names.definitions
+        ]
+        for name, definition in names.definitions.items()
+    }
+    order: list[str] = []
+    cycles: list[list[str]] = []
+    done: set[str] = set()
+    for start in uses:
+        path: dict[str, int] = {}
+        stack = [(start, 0)]
+        while stack:
+            name, k = stack.pop()
+            if k == 0 and name in done:
+                continue
+            path[name] = k
+            if k >= len(uses[name]):
+                done.add(name)
+                order.append(name)
+                del path[name]
+                continue
+            stack.append((name, k + 1))
+            target = uses[name][k]
+            if target in path:
+                cycles.append(list(path)[list(path).index(target) :])
+            elif target not in done:
+                stack.append((target, 0))
+    return order, cycles
+
+
+def _definition_cycles(names: Names) -> list[Diagnostic]:
+    _, cycles = definition_order(names)
+    problems: list[Diagnostic] = []
+    for cycle in cycles:
+        first = names.definitions[cycle[0]].name
+        shown = " -> ".join(f"`{n}`" for n in [*cycle, cycle[0]])
+        notes = [(f"through `{n}`", names.definitions[n].name.span) for n in cycle[1:8]]
+        message = f"definition `{cycle[0]}` reaches itself: {shown}"
+        if len(cycle) > 8:
+            message = f"definition `{cycle[0]}` reaches itself through {len(cycle) - 1} others"
+        hint = "recursion needs a module with a selection function"
+        problems.append(
+            diagnose("definition-cycle", message, first.span, hint=hint, notes=notes)
+        )
+    return problems
+
+
+def never_used(names: Names) -> list[Diagnostic]:
+    """Return warnings for modules and definitions that the axiom does not lead to."""
+    if names.axiom is None or names.broken:
+        return []
+    reached: set[str] = set()
+    stack: list[Solid | None] = [names.axiom.solid]
+    while stack:
+        for part in parts_of(stack.pop()):
+            if not isinstance(part, syntax.Use) or part.name in reached:
+                continue
+            reached.add(part.name)
+            if entry := names.modules.get(part.name):
+                stack += [rule.solid for rule in entry.rules.values()]
+                stack += [rule.solid for rule in entry.attributed]
+            if definition := names.definitions.get(part.name):
+                stack.append(definition.solid)
+    warnings = [
+        diagnose("never-used", f"module `{entry.name}` is never used", entry.span)
+        for entry in names.modules.values()
+        if entry.name not in reached
+    ]
+    warnings += [
+        diagnose("never-used", f"definition `{name}` is never used", definition.name.span)
+        for name, definition in names.definitions.items()
+        if name not in reached
+    ]
+    return warnings

@@ -1,0 +1,204 @@
+"""From syntax to the graph. Nothing here recurses: nesting has no limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pcsg.grammar import syntax
+from pcsg.grammar.check import definition_order
+from pcsg.grammar.names import ModuleEntry, Names
+from pcsg.grammar.syntax import Solid
+from pcsg.graph.attributes import ATTRIBUTES
+from pcsg.graph.expr import Apply, Expr, Number, Parameter
+from pcsg.graph.nodes import (
+    AttributedForm,
+    Attribute,
+    Calculation,
+    Leaf,
+    Node,
+    Selection,
+    Transformation,
+    combine,
+)
+from pcsg.graph.nodes import leaf_node as make_leaf
+from pcsg.graph.transforms import TRANSFORMS
+from pcsg.leaf import LEAF_NAMES
+
+
+def lower(names: Names) -> Node | None:
+    """Return the axiom's node, None without an axiom.
+
+    What was reported as wrong is left out or replaced by the empty solid, so that the whole graph
+    can be checked all the same.
+    """
+    if names.axiom is None:
+        return None
+    lowering = _Lowering(names)
+    return lowering.solid(names.axiom.solid)
+
+
+class _Lowering:
+    """Nodes by name: one selection for each module, one node for each definition."""
+
+    def __init__(self, names: Names) -> None:
+        self.names = names
+        self.nodes: dict[str, Node] = {}
+        for entry in names.modules.values():
+            self.nodes[entry.name] = _selection(entry)
+        for name in definition_order(names)[0]:
+            self._define(name)
+        for entry in names.modules.values():
+            selection = self.nodes[entry.name]
+            if isinstance(selection, Selection):
+                self._fill(selection, entry)
+
+    def _define(self, name: str) -> None:
+        if name in self.nodes:
+            return  # a module of that name: reported
+        node = self.solid(self.names.definitions[name].solid)
+        if node.definition is None and not isinstance(node, Selection):
+            node.definition = name
+        self.nodes[name] = node
+
+    def _fill(self, selection: Selection, entry: ModuleEntry) -> None:
+        solids: Sequence[tuple[int, Solid | None]]
+        if entry.attributed:
+            solids = [(k + 1, rule.solid) for k, rule in enumerate(entry.attributed)]
+        else:
+            solids = [(k, rule.solid) for k, rule in entry.rules.items()]
+        for number, solid in solids:
+            selection.rules[number] = self.solid(solid)
+        if not selection.rules:
+            selection.rules[1] = _placeholder()
+
+    def solid(self, root: Solid | None) -> Node:
+        """Return the node of an expression."""
+        if root is None:
+            return _placeholder()
+        done: list[Node] = []
+        # What is to do, last first: expressions, and what to make of the nodes below them.
+        work: list[tuple[Solid, int]] = [(root, -1)]
+        while work:
+            solid, below = work.pop()
+            if isinstance(solid, syntax.Combination):
+                if below < 0:
+                    operands = _flatten(solid)
+                    work.append((solid, len(operands)))
+                    work.extend((operand, -1) for operand in reversed(operands))
+                else:
+                    operands_done = done[len(done) - below :]
+                    del done[len(done) - below :]
+                    done.append(combine(solid.operator, operands_done, solid.span))
+            elif isinstance(solid, syntax.Prefixed):
+                if below < 0:
+                    work.append((solid, 1))
+                    work.append((solid.operand, -1))
+                else:
+                    done.append(_apply(solid.prefixes, done.pop()))
+            elif isinstance(solid, syntax.Primitive):
+                done.append(_leaf(solid))
+            else:
+                done.append(self._use(solid))
+        return done[0]
+
+    def _use(self, use: syntax.Use) -> Node:
+        node = self.nodes.get(use.name)
+        if node is None:
+            return _placeholder()
+        if use.arguments is None or not isinstance(node, Selection) or not node.attributed:
+            return node
+        formals = node.attributed.formals
+        if len(formals) != len(use.arguments.values):
+            return node
+        pairs = tuple(zip(formals, use.arguments.values, strict=True))
+        return Calculation(pairs, node, call=True, span=use.span)
+
+
+def _placeholder() -> Leaf:
+    return make_leaf(LEAF_NAMES["empty"], ())
+
+
+def _flatten(solid: syntax.Combination) -> list[Solid]:
+    """Return the operands, those of nested combinations of the same operator in their place."""
+    flat: list[Solid] = []
+    operator = solid.operator
+    stack: list[tuple[Solid, bool]] = [(o, k == 0) for k, o in enumerate(solid.operands)][::-1]
+    while stack:
+        operand, leftmost = stack.pop()
+        opens = isinstance(operand, syntax.Combination) and operand.operator is operator
+        if opens and (operator.associative or leftmost):
+            assert isinstance(operand, syntax.Combination)
+            inner = [(o, leftmost and k == 0) for k, o in enumerate(operand.operands)]
+            stack.extend(reversed(inner))
+        else:
+            flat.append(operand)
+    return flat
+
+
+def _apply(prefixes: Sequence[syntax.Block | syntax.Unary], node: Node) -> Node:
+    """Put unary operators on a node, the last one first."""
+    for prefix in reversed(prefixes):
+        if isinstance(prefix, syntax.Block):
+            pairs = tuple((name.text, expr) for name, expr in prefix.assignments)
+            node = Calculation(pairs, node, span=prefix.span)
+        elif prefix.attribute:
+            node = _attribute(prefix, node)
+        elif prefix.name in TRANSFORMS:
+            transform = TRANSFORMS[prefix.name]
+            if len(prefix.arguments.values) == len(transform.parameters):
+                args = prefix.arguments.values
+                node = Transformation(transform, args, node, span=prefix.span)
+    return node
+
+
+def _attribute(prefix: syntax.Unary, node: Node) -> Node:
+    kind = ATTRIBUTES[prefix.name]
+    values = prefix.arguments.values
+    reference = None
+    if kind.refers_to:
+        if not values or not isinstance(values[0], Parameter):
+            return node
+        reference, values = values[0].name, values[1:]
+    least, most = kind.arity
+    if not least <= len(values) <= most:
+        return node
+    return Attribute(kind, values, node, reference, span=prefix.span)
+
+
+def _leaf(primitive: syntax.Primitive) -> Node:
+    solid = LEAF_NAMES[primitive.name]
+    values = primitive.arguments.values
+    least = sum(1 for p in solid.parameters if p.default is None)
+    if not least <= len(values) <= len(solid.parameters):
+        return _placeholder()
+    return make_leaf(solid, values, primitive.span)
+
+
+def _selection(entry: ModuleEntry) -> Selection:
+    """Return the node of a module, its rules still to come."""
+    if not entry.attributed:
+        select = entry.declaration.select if entry.declaration else None
+        return Selection(entry.name, select, span=entry.span)
+    rules = entry.attributed
+    form = AttributedForm(
+        entry.formals or (),
+        tuple(rule.label.text for rule in rules),
+        tuple(rule.condition for rule in rules),
+    )
+    return Selection(entry.name, _derived_select(rules), attributed=form, span=entry.span)
+
+
+def _derived_select(rules: Sequence[syntax.AttributedRule]) -> Expr | None:
+    """Return ``if(c1, 1, if(c2, 2, ...))``: the first rule whose condition holds, 0 if none."""
+    if len(rules) == 1 and rules[0].condition is None:
+        return None
+    select: Expr = Number(0.0)
+    for k in reversed(range(len(rules))):
+        condition = rules[k].condition
+        taken = Number(k + 1.0)
+        if condition is None:
+            select = taken
+        else:
+            span = getattr(condition, "span", None)
+            select = Apply("if", (condition, taken, select), 0, span)
+    return select

@@ -1,0 +1,139 @@
+"""Scene settings: checks of their keys and values, and from syntax to `Setting`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pcsg.catalogue import diagnose
+from pcsg.errors import Diagnostic, suggest
+from pcsg.grammar.check import check_numbers, unknown_reference
+from pcsg.grammar.names import Names
+from pcsg.grammar.syntax import Name, SettingItem, Value
+from pcsg.graph.expr import Expr, Number, Parameter, functions_of
+from pcsg.graph.functions import FUNCTIONS, Form
+from pcsg.graph.settings import SETTINGS, Key, Setting, SettingKind, ValueKind
+
+_VECTORS = (ValueKind.VECTOR, ValueKind.COLOR)
+
+
+def build_settings(names: Names) -> tuple[list[Setting], list[Diagnostic]]:
+    """Return the settings in the order of the text, and what is wrong with them."""
+    settings: list[Setting] = []
+    problems: list[Diagnostic] = []
+    first: dict[tuple[str, str | None], SettingItem] = {}
+    named = {
+        kind: {i.name.text for i in names.settings if i.kind.text == kind and i.name}
+        for kind in SETTINGS
+    }
+    for item in names.settings:
+        kind = SETTINGS.get(item.kind.text)
+        if kind is None:
+            hint = suggest(item.kind.text, SETTINGS)
+            message = f"unknown setting `{item.kind.text}`"
+            expected = ", ".join(SETTINGS)
+            problems.append(
+                diagnose("unknown-setting", message, item.kind.span, expected=expected, hint=hint)
+            )
+            continue
+        problems += _check_head(item, kind, first)
+        values = _build_values(item, kind, named, problems)
+        name = item.name.text if item.name else None
+        settings.append(Setting(kind, name, values, item.span))
+    return settings, problems
+
+
+def _check_head(
+    item: SettingItem, kind: SettingKind, first: dict[tuple[str, str | None], SettingItem]
+) -> list[Diagnostic]:
+    if kind.named and item.name is None:
+        message = f"the {kind.name} has no name"
+        expected = f"`{kind.name} NAME {{ ... }}`"
+        return [diagnose("setting-name", message, item.kind.span, expected=expected)]
+    if not kind.named and item.name is not None:
+        message = f"`{kind.name}` takes no name"
+        return [diagnose("setting-name", message, item.name.span)]
+    key = (kind.name, item.name.text if item.name else None)
+    other = first.setdefault(key, item)
+    if other is item or (kind.several and not kind.named):
+        return []
+    shown = f"{kind.name} `{key[1]}`" if key[1] else f"`{kind.name}`"
+    notes = [("the first one", other.kind.span)]
+    return [diagnose("duplicate-setting", f"a second {shown}", item.kind.span, notes=notes)]
+
+
+def _build_values(
+    item: SettingItem,
+    kind: SettingKind,
+    named: Mapping[str, set[str]],
+    problems: list[Diagnostic],
+) -> dict[str, tuple[Expr, ...] | str]:
+    values: dict[str, tuple[Expr, ...] | str] = {}
+    first: dict[str, Name] = {}
+    for name, value in item.pairs:
+        key = kind.keys.get(name.text)
+        if key is None:
+            message = f"`{kind.name}` has no key `{name.text}`"
+            hint = suggest(name.text, kind.keys)
+            expected = ", ".join(kind.keys)
+            problems.append(
+                diagnose("unknown-key", message, name.span, expected=expected, hint=hint)
+            )
+            continue
+        if name.text in first:
+            message = f"a second `{name.text}`"
+            notes = [("the first one", first[name.text].span)]
+            problems.append(diagnose("duplicate-setting", message, name.span, notes=notes))
+            continue
+        first[name.text] = name
+        built = _build_value(key, value, problems)
+        if built is None:
+            continue
+        if key.refers_to and isinstance(built, str) and built not in named[key.refers_to]:
+            problems.append(
+                unknown_reference(key.refers_to, built, value.span, named[key.refers_to])
+            )
+        values[name.text] = built
+    return values
+
+
+def _build_value(
+    key: Key, value: Value, problems: list[Diagnostic]
+) -> tuple[Expr, ...] | str | None:
+    """Return a value as the key takes it; None if it does not."""
+    kind = key.kind
+    if kind is ValueKind.TEXT:
+        if value.text is not None:
+            return value.text
+    elif kind in (ValueKind.WORD, ValueKind.NAME):
+        word = value.numbers[0] if len(value.numbers) == 1 else None
+        if isinstance(word, Parameter) and (kind is ValueKind.NAME or word.name in key.words):
+            return word.name
+        if isinstance(word, Parameter):
+            message = f"unknown word `{word.name}`"
+            hint = suggest(word.name, key.words)
+            problems.append(
+                diagnose(
+                    "bad-value", message, value.span, expected=", ".join(key.words), hint=hint
+                )
+            )
+            return None
+    elif len(value.numbers) == (3 if kind in _VECTORS else 1):
+        found = check_numbers(value.numbers)
+        problems += found
+        known = {f for f in functions_of(*value.numbers) if f in FUNCTIONS}
+        if any(FUNCTIONS[f].form is Form.WORLD for f in known):
+            message = "settings have no local frame to ask for"
+            problems.append(diagnose("bad-value", message, value.span))
+        return None if found else value.numbers
+    expected = ", ".join(key.words) if key.words else kind.value
+    problems.append(
+        diagnose("bad-value", f"`{_shown(value)}` does not fit", value.span, expected=expected)
+    )
+    return None
+
+
+def _shown(value: Value) -> str:
+    if len(value.numbers) == 1 and isinstance(value.numbers[0], Number):
+        return f"{value.numbers[0].value:g}"
+    text = " ".join(value.span.text.split())
+    return text if len(text) <= 40 else text[:40] + "..."

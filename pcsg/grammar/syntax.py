@@ -1,0 +1,169 @@
+"""What a file says, before names mean anything: frozen records, each with its place.
+
+Arithmetic is kept as expressions of the graph at once, because their trees are the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pcsg.errors import SourceSpan
+from pcsg.graph.expr import Expr
+from pcsg.graph.operators import Operator
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Name:
+    """A name where it is given to something."""
+
+    text: str
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arguments:
+    """Arguments in parentheses; `seeds` is the number before a semicolon, 0 without one."""
+
+    values: tuple[Expr, ...] = ()
+    seeds: int = 0
+
+
+# Expressions for solids.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Use:
+    """A module or a definition by its name; arguments for a call."""
+
+    name: str
+    arguments: Arguments | None
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Primitive:
+    """A primitive."""
+
+    name: str
+    arguments: Arguments
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Assignments in braces, a unary operator."""
+
+    assignments: tuple[tuple[Name, Expr], ...]
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unary:
+    """A transformation or an attribute, a unary operator."""
+
+    name: str
+    arguments: Arguments
+    attribute: bool
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prefixed:
+    """Unary operators, outermost first, before what they apply to."""
+
+    prefixes: tuple[Block | Unary, ...]
+    operand: Solid
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Combination:
+    """Two or more operands of one operator, folded from the left."""
+
+    operator: Operator
+    operands: tuple[Solid, ...]
+    span: SourceSpan
+
+
+Solid = Use | Primitive | Prefixed | Combination
+
+
+# Items of a file.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Axiom:
+    """The expression that a grammar begins with."""
+
+    solid: Solid
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Module:
+    """A module with its selection function."""
+
+    name: Name
+    select: Expr
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rule:
+    """A numbered rule."""
+
+    number: int
+    name: Name
+    solid: Solid | None
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttributedRule:
+    """A rule in the attributed form of fig 2; no condition for ``else`` or none."""
+
+    label: Name
+    name: Name
+    formals: tuple[Name, ...]
+    condition: Expr | None
+    solid: Solid | None
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Definition:
+    """A named expression."""
+
+    name: Name
+    solid: Solid | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Value:
+    """What stands behind a key: one or three numbers, or a text in quotes."""
+
+    numbers: tuple[Expr, ...]
+    text: str | None
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SettingItem:
+    """A scene setting."""
+
+    kind: Name
+    name: Name | None
+    pairs: tuple[tuple[Name, Value], ...]
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Broken:
+    """An item with a mistake, with as much as is known: what it names and what it assigns."""
+
+    kind: str
+    name: Name | None
+    number: int | None
+    assigned: frozenset[str]
+
+
+Item = Axiom | Module | Rule | AttributedRule | Definition | SettingItem | Broken

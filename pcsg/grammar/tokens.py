@@ -1,0 +1,224 @@
+"""From characters to tokens, each with its place.
+
+The types of words come from the registries of transformations, attributes and primitives.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+
+from pcsg.catalogue import diagnose
+from pcsg.errors import Diagnostic, Source, SourceSpan
+from pcsg.graph.attributes import ATTRIBUTES
+from pcsg.graph.operators import OPERATORS
+from pcsg.graph.transforms import TRANSFORMS
+from pcsg.leaf import LEAF_NAMES
+
+CONSTANTS: Mapping[str, float] = {"pi": math.pi, "e": math.e, "true": 1.0, "false": 0.0}
+
+
+class Token:
+    """A word, a number or a sign.
+
+    Attributes
+    ----------
+    type
+        Name of the terminal in the grammar.
+    text
+        Its canonical spelling.
+    source, start, end
+        Where it stands; for what a macro has replaced, where the macro stands.
+    line
+        Number of its line, not counting lines that end inside a comment.
+    first, gap
+        Whether it is the first on its line; whether a blank stands before it.
+    body
+        For what a macro has replaced, its place in the macro's body.
+    """
+
+    __slots__ = ("body", "end", "first", "gap", "line", "source", "start", "text", "type")
+
+    def __init__(
+        self, kind: str, text: str, source: Source, start: int, end: int, line: int = 0
+    ) -> None:
+        self.type = kind
+        self.text = text
+        self.source = source
+        self.start = start
+        self.end = end
+        self.line = line
+        self.first = False
+        self.gap = False
+        self.body: SourceSpan | None = None
+
+    @property
+    def span(self) -> SourceSpan:
+        """Its place in the text."""
+        return SourceSpan(self.source, self.start, self.end, self.body)
+
+
+def join(a: SourceSpan, b: SourceSpan) -> SourceSpan:
+    """Return the span from the start of one to the end of another behind it."""
+    if a.start == b.start and a.end == b.end:
+        # Both come from one use of a macro, or are the same.
+        if a.body is None or b.body is None or a.body.source is not b.body.source:
+            return a
+        first, last = a.body, b.body
+        body = SourceSpan(first.source, first.start, max(first.end, last.end), first.body)
+        return SourceSpan(a.source, a.start, a.end, body)
+    return SourceSpan(a.source, a.start, max(a.end, b.end))
+
+
+_SYMBOLS: dict[str, tuple[str, str]] = {
+    "(": ("LPAREN", "("),
+    ")": ("RPAREN", ")"),
+    "{": ("LBRACE", "{"),
+    "}": ("RBRACE", "}"),
+    ",": ("COMMA", ","),
+    ";": ("SEMICOLON", ";"),
+    ":": ("COLON", ":"),
+    "=": ("ASSIGN", "="),
+    "->": ("ARROW", "->"),
+    "\u2192": ("ARROW", "->"),
+    "!": ("NOT", "not"),
+    "&&": ("OPERATOR", "and"),
+    "||": ("OPERATOR", "or"),
+    "#": ("HASH", "#"),
+    **{sign: ("OPERATOR", sign) for sign in "+ * / % ^ == != < <= > >=".split()},
+    **{
+        sign: (operator.name.upper(), operator.symbols[0])
+        for operator in OPERATORS
+        for sign in operator.symbols
+    },
+    # The one sign that is an operator on numbers and on solids.
+    "-": ("MINUS", "-"),
+}
+
+_PATTERN = re.compile(
+    r"""
+    (?P<NEWLINE>\n)
+    | (?P<BLANK>[ \t\r\f\v]+)
+    | (?P<COMMENT>//[^\n]* | /\*[\s\S]*?\*/)
+    | (?P<OPEN_COMMENT>/\*)
+    | (?P<WORD>[A-Za-z_][A-Za-z0-9_]*)
+    | (?P<NUMBER>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
+    | (?P<STRING>"[^"\n]*")
+    | (?P<OPEN_STRING>"[^"\n]*)
+    | (?P<SYMBOL>"""
+    + "|".join(re.escape(s) for s in sorted(_SYMBOLS, key=len, reverse=True))
+    + r""")
+    | (?P<STRAY>[\s\S])
+    """,
+    re.VERBOSE,
+)
+_WORD_TAIL = re.compile(r"[A-Za-z0-9_.]+")
+
+_LOOKALIKES = {
+    "\u2212": "-",
+    "\u2013": "-",
+    "\u00d7": "*",
+    "\u00b7": "*",
+    "\u2264": "<=",
+    "\u2265": ">=",
+    "\u2260": "!=",
+    "\u201c": '"',
+    "\u201d": '"',
+    "\u00a0": " ",
+    "[": "(",
+    "]": ")",
+    "~": "not",
+}
+
+
+def words() -> dict[str, tuple[str, str]]:
+    """Return the type and the canonical spelling of every reserved word."""
+    found = {name: ("PRIMITIVE", name) for name in LEAF_NAMES}
+    found |= {name: ("ATTRIBUTE", name) for name in ATTRIBUTES}
+    for name, transform in TRANSFORMS.items():
+        found[name] = ("TRANSFORM" if transform.parameters else "MIRROR", name)
+    found |= {name: ("CONSTANT", name) for name in CONSTANTS}
+    found |= {name: ("OPERATOR", name) for name in ("and", "or")}
+    return found | {"not": ("NOT", "not"), "else": ("ELSE", "else")}
+
+
+WORD_TYPES = frozenset({"NAME", *(kind for kind, _ in words().values())})
+"""Types that a word can have."""
+
+
+def tokenize(source: Source) -> tuple[list[Token], list[Diagnostic]]:
+    """Cut a text into tokens.
+
+    Returns
+    -------
+    tokens, diagnostics
+        Comments are gone. Where a character cannot be used a token of type ``STRAY`` stands, so
+        that the item around it is known to be broken.
+    """
+    tokens: list[Token] = []
+    problems: list[Diagnostic] = []
+    reserved = words()
+    line = 1
+    line_of_last = 0
+    after = 0  # end of the last token
+    stray_end = -1
+    for match in _PATTERN.finditer(source.text):
+        kind = match.lastgroup
+        if kind == "BLANK" or kind == "COMMENT":
+            continue
+        if kind == "NEWLINE":
+            line += 1
+            continue
+        start, end = match.span()
+        text = match.group()
+        if start < after:  # the tail of a bad number
+            continue
+        if kind == "WORD":
+            kind, text = reserved.get(text, ("NAME", text))
+        elif kind == "SYMBOL":
+            kind, text = _SYMBOLS[text]
+        elif kind == "NUMBER":
+            tail = _WORD_TAIL.match(source.text, end)
+            if tail or math.isinf(float(text)):
+                kind, end = "STRAY", tail.end() if tail else end
+                span = SourceSpan(source, start, end)
+                shown = span.text if len(span.text) <= 40 else span.text[:40] + "..."
+                problem = "is too large" if not tail else "is not a number"
+                problems.append(diagnose("bad-number", f"`{shown}` {problem}", span))
+        elif kind == "STRAY":
+            if stray_end != start:
+                problems.append(_stray(source, start, end))
+            stray_end = end
+        elif kind == "OPEN_COMMENT":
+            kind = "STRAY"
+            span = SourceSpan(source, start, end)
+            problems.append(
+                diagnose("unexpected-end", "the comment never ends", span, expected="`*/`")
+            )
+            end = len(source.text)
+        elif kind == "OPEN_STRING":
+            kind = "STRAY"
+            span = SourceSpan(source, start, end)
+            problems.append(
+                diagnose("unexpected-end", "the text never ends", span, expected='`"`')
+            )
+        token = Token(kind or "", text, source, start, end, line)
+        token.first = line != line_of_last
+        token.gap = start > after
+        line_of_last = line
+        after = end
+        tokens.append(token)
+    return tokens, problems
+
+
+def _stray(source: Source, start: int, end: int) -> Diagnostic:
+    character = source.text[start]
+    shown = f"`{character}`" if character.isprintable() else f"U+{ord(character):04X}"
+    instead = _LOOKALIKES.get(character)
+    return diagnose(
+        "stray-character",
+        f"stray character {shown}",
+        SourceSpan(source, start, end),
+        hint=f"write `{instead}`" if instead else None,
+    )
