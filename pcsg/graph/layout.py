@@ -88,7 +88,7 @@ MARGIN = 20.0
 HEADROOM = 12.0
 
 _MOST_BENDS = 60_000
-_WORK = 600_000
+_WORK = 400_000
 
 
 def find_back_edges(successors: Sequence[Sequence[int]]) -> set[tuple[int, int]]:

@@ -306,8 +306,8 @@ class _Writer:
         count = len(module.rules)
         if not len(form.labels) == len(form.conditions) == count:
             raise UsageError(f"module `{module.name}` needs a label and a condition for every rule")
-        derived = _select_of(form)
-        if (module.select and signature(module.select)) != (derived and signature(derived)):
+        selects = (module.select, _select_of(form))
+        if len({None if e is None else signature(e) for e in selects}) > 1:
             raise UsageError(
                 f"the selection function of module `{module.name}` differs from its conditions"
             )
@@ -374,7 +374,7 @@ class _Writer:
 
 def _select_of(form: AttributedForm) -> Expr | None:
     """Return the selection function that conditions stand for: the first that holds is taken."""
-    if form.conditions == (None,):
+    if len(form.conditions) == 1 and form.conditions[0] is None:
         return None
     select: Expr = Number(0.0)
     for k, condition in reversed(list(enumerate(form.conditions, 1))):

@@ -3,7 +3,6 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable
-from importlib import import_module
 
 import pytest
 from hypothesis import given
@@ -12,6 +11,7 @@ from paper_graphs import fig5a, move, random_graph, sierpinski, sphere, tetrahed
 from strategies import expressions, graphs, solid_graphs
 
 from pcsg.errors import UsageError
+from pcsg.grammar import load_text
 from pcsg.graph.build import CONSTRUCTORS, C, S, define
 from pcsg.graph.expr import Apply, Expr, Number, P, Parameter, apply, call, seeds_first, signature
 from pcsg.graph.functions import FUNCTIONS
@@ -280,19 +280,14 @@ def test_every_function_of_the_registry_can_be_written() -> None:
 
 # Through the parser and back.
 
-load_text = getattr(import_module("pcsg.grammar"), "load_text", None)
-needs_parser = pytest.mark.skipif(load_text is None, reason="pcsg.grammar has no load_text yet")
-
 
 def assert_round_trip(graph: Graph) -> None:
     text = to_pcsg(graph)
-    assert load_text is not None
     again = load_text(text)
     assert again == graph, text
     assert to_pcsg(again) == text
 
 
-@needs_parser
 @given(graphs())
 def test_any_graph_reads_back_equal(graph: Graph) -> None:
     for node in graph.nodes:
@@ -301,9 +296,7 @@ def test_any_graph_reads_back_equal(graph: Graph) -> None:
     assert_round_trip(graph)
 
 
-@needs_parser
 def test_the_attributed_form_reads_back_equal() -> None:
-    assert load_text is not None
     text = (
         "S(6, 1)\n"
         "\n"
@@ -317,9 +310,7 @@ def test_the_attributed_form_reads_back_equal() -> None:
     assert_round_trip(load_text(text))
 
 
-@needs_parser
 def test_settings_read_back_equal() -> None:
-    assert load_text is not None
     text = (
         "{c = 2} material(bark) texture(rings, 2) color(1, 0.5, 0) label(3) sphere\n"
         "\n"
@@ -335,31 +326,26 @@ def test_settings_read_back_equal() -> None:
     assert_round_trip(load_text(text))
 
 
-@needs_parser
 @given(solid_graphs())
 def test_any_solid_reads_back_equal(graph: Graph) -> None:
     assert_round_trip(graph)
 
 
-@needs_parser
 @given(st.integers(0, 100_000))
 def test_graphs_with_sharing_read_back_equal(seed: int) -> None:
     assert_round_trip(random_graph(seed))
 
 
-@needs_parser
 @given(st.one_of(expressions(("a", "b")), operator_trees))
 def test_any_expression_reads_back_equal(expr: Expr) -> None:
     assert_round_trip(Graph(C(a=1, b=2) * C(c=expr) * sphere()))
 
 
-@needs_parser
 @pytest.mark.parametrize("make", [sierpinski, fig5a])
 def test_listings_read_back_equal(make: Callable[[], Graph]) -> None:
     assert_round_trip(make())
 
 
-@needs_parser
 def test_forms_that_need_care_read_back_equal() -> None:
     select = S("S", -P.c + 3).rule(1, sphere()).rule(2, tetrahedron())
     assert_round_trip(Graph(C(c=2) * select))
