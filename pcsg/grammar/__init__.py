@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pcsg.catalogue import diagnose
-from pcsg.errors import Diagnostic, GrammarError
+from pcsg.errors import Diagnostic, GrammarError, SourceSpan
 from pcsg.grammar.check import check_names, never_used
 from pcsg.grammar.items import cut_items
 from pcsg.grammar.lower import lower
@@ -98,7 +98,7 @@ def _graph_of(checked: tuple[Graph | None, list[Diagnostic]]) -> Graph:
 
 def _check(text: Preprocessed) -> tuple[Graph | None, list[Diagnostic]]:
     problems = text.problems
-    if not text.files:
+    if text.root is None:
         return None, problems
     items: list[Item] = []
     for tokens in text.files:
@@ -108,7 +108,7 @@ def _check(text: Preprocessed) -> tuple[Graph | None, list[Diagnostic]]:
             items.append(item)
             if problem:
                 problems.append(problem)
-    names, found = collect_names(items)
+    names, found = collect_names(items, SourceSpan(text.root, 0, 0))
     problems += found
     problems += check_names(names)
     settings, found = build_settings(names)

@@ -133,7 +133,9 @@ def _check_part(
         count = len(part.arguments.values)
         expected = usage if parameters else None
         problems += _check_seeds(part.name, part.arguments, part.span)
-        return problems + _check_count(part.name, count, least, len(parameters), part.span, expected)
+        return problems + _check_count(
+            part.name, count, least, len(parameters), part.span, expected
+        )
     if part.attribute:
         return [*problems, *_check_attribute(part, names, setting_names)]
     return [*problems, *_check_transformation(part)]
@@ -158,9 +160,7 @@ def _check_use(use: syntax.Use, names: Names) -> list[Diagnostic]:
     formals = entry.formals if entry else None
     if entry is not None and formals is not None:
         usage = f"`{use.name}({', '.join(formals)})`"
-        return problems + _check_count(
-            use.name, count, len(formals), len(formals), use.span, usage
-        )
+        return problems + _check_count(use.name, count, len(formals), len(formals), use.span, usage)
     if entry is not None and entry.incomplete:
         return problems
     what = f"module `{use.name}`" if entry else f"definition `{use.name}`"
@@ -273,9 +273,7 @@ def _definition_cycles(names: Names) -> list[Diagnostic]:
         if len(cycle) > 8:
             message = f"definition `{cycle[0]}` reaches itself through {len(cycle) - 1} others"
         hint = "recursion needs a module with a selection function"
-        problems.append(
-            diagnose("definition-cycle", message, first.span, hint=hint, notes=notes)
-        )
+        problems.append(diagnose("definition-cycle", message, first.span, hint=hint, notes=notes))
     return problems
 
 

@@ -235,12 +235,10 @@ class _Cutter:
             self.condition = self.arithmetic = self.complete = False
         elif kind == "COLON" and self.item.kind == "labelled" and not self.arrow:
             self.condition, self.arithmetic, self.complete = True, True, False
-        elif self.condition or (self.item.kind == "rule" and not self.arrow):
-            self.complete = False
-        elif self.item.kind == "setting":
-            self.complete = False
         else:
-            self.complete = kind in (_ENDS_NUMBER if self.arithmetic else _ENDS_SOLID)
+            head = self.item.kind == "setting" or (self.item.kind == "rule" and not self.arrow)
+            ends = _ENDS_NUMBER if self.arithmetic else _ENDS_SOLID
+            self.complete = kind in ends and not head and not self.condition
 
     def _open(self, token: Token, before: Token | None) -> None:
         assert self.item is not None

@@ -11,8 +11,8 @@ from pcsg.grammar.syntax import Solid
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.expr import Apply, Expr, Number, Parameter
 from pcsg.graph.nodes import (
-    AttributedForm,
     Attribute,
+    AttributedForm,
     Calculation,
     Leaf,
     Node,

@@ -59,9 +59,7 @@ _RESERVED = {
 }
 
 
-def explain(
-    kind: str, tokens: list[Token], at: int, accepts: Set[str], last: bool
-) -> Diagnostic:
+def explain(kind: str, tokens: list[Token], at: int, accepts: Set[str], last: bool) -> Diagnostic:
     """Return the diagnostic of a syntax error.
 
     Parameters

@@ -51,8 +51,16 @@ class Names:
         return {name for item in self.broken for name in item.assigned}
 
 
-def collect_names(items: Iterable[syntax.Item]) -> tuple[Names, list[Diagnostic]]:
-    """Enter all items into tables and report what is there twice or missing."""
+def collect_names(
+    items: Iterable[syntax.Item], start: SourceSpan
+) -> tuple[Names, list[Diagnostic]]:
+    """Enter all items into tables and report what is there twice or missing.
+
+    Parameters
+    ----------
+    start
+        The start of the root file, where a missing axiom is reported.
+    """
     names = Names()
     problems: list[Diagnostic] = []
     axioms: list[syntax.Axiom] = []
@@ -86,7 +94,7 @@ def collect_names(items: Iterable[syntax.Item]) -> tuple[Names, list[Diagnostic]
     names.axiom = axioms[0] if axioms else None
     problems += [_second_axiom(axioms[0], other) for other in axioms[1:]]
     if not axioms and not axiom_broken:
-        problems.append(_no_axiom(names))
+        problems.append(_no_axiom(names, start))
     return names, problems
 
 
@@ -179,11 +187,15 @@ def _second_axiom(first: syntax.Axiom, second: syntax.Axiom) -> Diagnostic:
     )
 
 
-def _no_axiom(names: Names) -> Diagnostic:
+def _no_axiom(names: Names, start: SourceSpan) -> Diagnostic:
     first = next((m.name for m in names.modules.values()), None)
     hint = f"begin the file with the expression to draw, such as `{{}} {first}`" if first else None
     return diagnose(
-        "no-axiom", "the grammar has no axiom", expected="an expression for a solid", hint=hint
+        "no-axiom",
+        "the grammar has no axiom",
+        start,
+        expected="an expression for a solid",
+        hint=hint,
     )
 
 
@@ -195,7 +207,8 @@ def _check_module(entry: ModuleEntry) -> list[Diagnostic]:
         if entry.incomplete:
             return []
         message = f"module `{entry.name}` has no rules"
-        return [diagnose("undefined-module", message, entry.span, hint=f"1: {entry.name} -> ...")]
+        hint = f"add a rule: `1: {entry.name} -> ...`"
+        return [diagnose("undefined-module", message, entry.span, hint=hint)]
     problems: list[Diagnostic] = []
     count = max(entry.rules)
     absent = next((k for k in range(1, len(entry.rules) + 1) if k not in entry.rules), None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -56,9 +57,10 @@ def parse_item(raw: RawItem, last: bool) -> tuple[syntax.Item, Diagnostic | None
         for at, token in enumerate(tokens):  # noqa: B007 -- read where the parser stopped
             feed(token)  # type: ignore[arg-type]  # it needs no more than the type
         at = len(tokens)
-        item: syntax.Item = parser.feed_eof()
+        item: syntax.Item = parser.feed_eof()  # type: ignore[no-untyped-call]  # Lark's, untyped
     except UnexpectedToken:
-        return _broken(raw), explain(kind, tokens, at, parser.accepts(), last)
+        accepts = parser.accepts()  # type: ignore[no-untyped-call]  # Lark's, untyped
+        return _broken(raw), explain(kind, tokens, at, accepts, last)
     except SyntaxFault as fault:
         return _broken(raw), fault.problem
     return item, None
@@ -75,9 +77,7 @@ def _broken(raw: RawItem) -> syntax.Broken:
     tokens = raw.tokens
     head = tokens[0]
     kind = _kind(raw)
-    assigned = frozenset(
-        a.text for a, b in zip(tokens, tokens[1:], strict=False) if b.type == "ASSIGN"
-    )
+    assigned = frozenset(a.text for a, b in pairwise(tokens) if b.type == "ASSIGN")
     number = int(head.text) if kind == "rule" and len(head.text) < 10 else None
     at = 1 if kind in ("rule", "attributed") else 0
     name = None
@@ -288,4 +288,3 @@ class _Builder(Transformer[Any, Any]):
 
 def _name(token: Token) -> Name:
     return Name(token.text, token.span)
-

@@ -76,9 +76,7 @@ def combine_numbers(chain: Sequence[Term | Token]) -> Expr:
         if isinstance(item, Token):
             name = item.text
             level = PRECEDENCE[name]
-            while pending and (
-                pending[-1][0] > level or (pending[-1][0] == level and name != "^")
-            ):
+            while pending and (pending[-1][0] > level or (pending[-1][0] == level and name != "^")):
                 if name in COMPARISONS and pending[-1][1] in COMPARISONS:
                     raise SyntaxFault(_chained(item, pending[-1][2]))
                 reduce()

@@ -43,8 +43,9 @@ class Unit:
 
 @dataclass
 class Preprocessed:
-    """The tokens of every file, the root file first, macros replaced."""
+    """The root file, and the tokens of every file, the root first, macros replaced."""
 
+    root: Source | None
     files: list[list[Token]]
     problems: list[Diagnostic]
 
@@ -53,7 +54,7 @@ def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
     """Read a file and what it includes."""
     source, problems = _read(path, str(path))
     if source is None:
-        return Preprocessed([], problems)
+        return Preprocessed(None, [], problems)
     return _preprocess(source, path.resolve(), path.parent, include, problems)
 
 
@@ -127,7 +128,8 @@ def _preprocess(
     problems += _include_cycles(units)
     usable = _usable_macros(macros, problems)
     expander = _Expander(usable, problems)
-    return Preprocessed([expander.expand(unit.tokens) for unit in units.values()], problems)
+    files = [expander.expand(unit.tokens) for unit in units.values()]
+    return Preprocessed(root, files, problems)
 
 
 def _resolve(
@@ -269,14 +271,13 @@ def _take_define(
             end = _line_end(tokens, end)
     body = tokens[start:end]
     if not body:
-        problems.append(
-            diagnose("macro-empty", f"macro `{name.text}` has no body", name.span)
-        )
+        problems.append(diagnose("macro-empty", f"macro `{name.text}` has no body", name.span))
     elif depth > 0:
         opener = next(t for t in body if t.type == "LBRACE")
         problems.append(
             diagnose(
-                "unbalanced-bracket", f"`{{` in the body of `{name.text}` is never closed",
+                "unbalanced-bracket",
+                f"`{{` in the body of `{name.text}` is never closed",
                 opener.span,
             )
         )
@@ -324,9 +325,7 @@ def _usable_macros(
                 usable |= dict.fromkeys(cycle)
                 shown = " -> ".join(f"`{n}`" for n in [*cycle, target])
                 problems.append(
-                    diagnose(
-                        "macro-cyclic", f"cyclic macro: {shown}", macros[target].name.span
-                    )
+                    diagnose("macro-cyclic", f"cyclic macro: {shown}", macros[target].name.span)
                 )
             elif target not in done:
                 stack.append((target, 0))

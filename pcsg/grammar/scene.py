@@ -112,9 +112,7 @@ def _build_value(
             message = f"unknown word `{word.name}`"
             hint = suggest(word.name, key.words)
             problems.append(
-                diagnose(
-                    "bad-value", message, value.span, expected=", ".join(key.words), hint=hint
-                )
+                diagnose("bad-value", message, value.span, expected=", ".join(key.words), hint=hint)
             )
             return None
     elif len(value.numbers) == (3 if kind in _VECTORS else 1):

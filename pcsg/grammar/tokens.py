@@ -86,7 +86,7 @@ _SYMBOLS: dict[str, tuple[str, str]] = {
     "&&": ("OPERATOR", "and"),
     "||": ("OPERATOR", "or"),
     "#": ("HASH", "#"),
-    **{sign: ("OPERATOR", sign) for sign in "+ * / % ^ == != < <= > >=".split()},
+    **{s: ("OPERATOR", s) for s in ("+", "*", "/", "%", "^", "==", "!=", "<", "<=", ">", ">=")},
     **{
         sign: (operator.name.upper(), operator.symbols[0])
         for operator in OPERATORS
@@ -200,9 +200,7 @@ def tokenize(source: Source) -> tuple[list[Token], list[Diagnostic]]:
         elif kind == "OPEN_STRING":
             kind = "STRAY"
             span = SourceSpan(source, start, end)
-            problems.append(
-                diagnose("unexpected-end", "the text never ends", span, expected='`"`')
-            )
+            problems.append(diagnose("unexpected-end", "the text never ends", span, expected='`"`'))
         token = Token(kind or "", text, source, start, end, line)
         token.first = line != line_of_last
         token.gap = start > after

@@ -119,30 +119,24 @@ def check_setting_parameters(graph: Graph) -> list[Diagnostic]:
     """Report parameters that settings read but the axiom's leading block does not assign."""
     block = graph.axiom_block
     known = [*GLOBALS, *(name for name, _ in (block.assignments if block else ()))]
-    problems: list[Diagnostic] = []
-    for setting in graph.settings:
-        for value in setting.values.values():
-            for root in () if isinstance(value, str) else value:
-                for parameter in _parameters_in(root):
-                    if parameter.name not in known:
-                        problems.append(
-                            diagnose(
-                                "parameter-never-assigned",
-                                f"the axiom's first block does not assign `{parameter.name}`",
-                                parameter.span or setting.span,
-                                expected="a number, or an expression over the axiom's parameters",
-                                hint=suggest(parameter.name, known),
-                            )
-                        )
-    return problems
+    return [
+        diagnose(
+            "parameter-never-assigned",
+            f"the axiom's first block does not assign `{parameter.name}`",
+            parameter.span or setting.span,
+            expected="a number, or an expression over the axiom's parameters",
+            hint=suggest(parameter.name, known),
+        )
+        for setting in graph.settings
+        for value in setting.values.values()
+        for root in (() if isinstance(value, str) else value)
+        for parameter in _parameters_in(root)
+        if parameter.name not in known
+    ]
 
 
 def check_sheets(graph: Graph) -> list[Diagnostic]:
     """Report sheets that are subtracted, also through modules and definitions."""
-    above: list[list[int]] = [[] for _ in graph.nodes]
-    for k, below in enumerate(graph.successors):
-        for successor in below:
-            above[successor].append(k)
     # For every node that leads to a sheet the sheet that it leads to.
     sheet_of: dict[int, Leaf] = {}
     pending: list[int] = []
@@ -150,6 +144,12 @@ def check_sheets(graph: Graph) -> list[Diagnostic]:
         if isinstance(node, Leaf) and node.solid.sheet:
             sheet_of[k] = node
             pending.append(k)
+    if not pending:
+        return []
+    above: list[list[int]] = [[] for _ in graph.nodes]
+    for k, below in enumerate(graph.successors):
+        for successor in below:
+            above[successor].append(k)
     while pending:
         k = pending.pop()
         for upper in above[k]:
