@@ -2,8 +2,8 @@
 
 Kernels are compiled strictly (IEEE, no contraction) unless they say ``contract=True``, which only
 intersection code may. Only the outermost kernels (``entry=True``) are cached on disk; what they
-call is compiled into them. The cache lies in a folder named by a hash of the package's sources,
-because numba's own key knows neither globals nor functions of other files.
+call is compiled into them. numba's own key knows neither globals nor functions of other files, so
+the cache of an entry lies in a folder named by a hash of everything that is compiled into it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,10 @@ from __future__ import annotations
 import dis
 import hashlib
 import linecache
+import shutil
+import sys
 import tempfile
+import time
 import types
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -20,6 +23,7 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 import numba
+import numpy as np
 import platformdirs
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -27,23 +31,65 @@ F = TypeVar("F", bound=Callable[..., Any])
 _config: Any = numba.config
 
 
+def fingerprint(kernel: Any) -> str:
+    """Return a hash of the code and the constants that are compiled into a kernel."""
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
+    todo: list[Any] = [kernel]
+    seen: set[int] = set()
+    while todo:
+        item = todo.pop()
+        if id(item) in seen:
+            continue
+        seen.add(id(item))
+        digest.update(repr(getattr(item, "targetoptions", "")).encode())
+        function: types.FunctionType = getattr(item, "py_func", getattr(item, "_defn", item))
+        codes = [function.__code__]
+        names: list[str] = []
+        while codes:
+            code = codes.pop()
+            digest.update(code.co_code)
+            names += code.co_names
+            for constant in code.co_consts:
+                if isinstance(constant, types.CodeType):
+                    codes.append(constant)
+                elif not isinstance(constant, str):
+                    digest.update(repr(constant).encode())
+        for name in names:
+            value = function.__globals__.get(name)
+            digest.update(name.encode())
+            if hasattr(value, "py_func") or hasattr(value, "_defn"):
+                todo.append(value)
+            elif isinstance(value, type):
+                digest.update(repr(getattr(value, "__annotations__", value.__name__)).encode())
+            elif isinstance(value, (bool, int, float, str, tuple, np.generic)):
+                digest.update(repr(value).encode())
+    return digest.hexdigest()[:16]
+
+
+_STALE_AFTER = 30 * 24 * 3600.0
+
+
 @cache
-def cache_folder() -> Path:
-    """Return the folder of the compiled kernels of exactly these sources."""
-    digest = hashlib.sha256(numba.__version__.encode())
-    package = Path(__file__).parent
-    for file in sorted(package.rglob("*.py")):
-        digest.update(file.relative_to(package).as_posix().encode())
-        digest.update(file.read_bytes())
-    name = f"kernels-{digest.hexdigest()[:16]}"
-    folder = Path(platformdirs.user_cache_dir("pcsg")) / name
+def cache_folder(name: str) -> Path:
+    """Return the folder of compiled kernels with a fingerprint; old ones are cleared away."""
+    root = Path(platformdirs.user_cache_dir("pcsg"))
+    folder = root / f"kernels-{name}"
     try:
+        is_new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
+        for other in root.glob("kernels-*") if is_new else ():
+            if time.time() - other.stat().st_mtime > _STALE_AFTER:
+                shutil.rmtree(other, ignore_errors=True)
     except OSError:
-        folder = Path(tempfile.mkdtemp(prefix=f"pcsg-{name}-"))
+        folder = Path(tempfile.mkdtemp(prefix=f"pcsg-kernels-{name}-"))
     return folder
+
+
+def is_cached(entry: Any) -> bool:
+    """Return whether an entry has been compiled before, so that it will start at once."""
+    return any(cache_folder(fingerprint(entry.py_func)).rglob("*.nbi"))
 
 
 @contextmanager
@@ -87,7 +133,7 @@ def njit(
             options["forceinline"] = True
         if not entry:
             return numba.njit(**options)(plain)
-        with _cache_in(cache_folder()):
+        with _cache_in(cache_folder(fingerprint(plain))):
             return numba.njit(nogil=True, cache=True, **options)(plain)
 
     return compile_lazily if function is None else compile_lazily(function)

@@ -100,9 +100,10 @@ def _options(arguments: RenderArguments) -> Options:
 
 def _announce_compilation() -> None:
     """Say that the first picture after an installation takes its time."""
-    from pcsg.jit import cache_folder
+    from pcsg.jit import is_cached
+    from pcsg.trace.batch import trace_batch
 
-    if not any(cache_folder().rglob("*.nbi")):
+    if not is_cached(trace_batch):
         say("compiling kernels, once per installation: about half a minute")
 
 
