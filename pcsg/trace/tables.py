@@ -22,7 +22,7 @@ from pcsg.graph.nodes import (
     Transformation,
 )
 from pcsg.graph.tape import Fault, Program
-from pcsg.graph.transforms import evaluate_transform
+from pcsg.jit import plain
 from pcsg.leaf.registry import LEAVES
 from pcsg.vec import IDENTITY, Affine, invert
 
@@ -167,7 +167,7 @@ class _Packer:
 
     def _pack_transformation(self, k: int, node: Transformation) -> None:
         forward = _constant_matrix(node)
-        inverse, regular = invert(forward) if forward else (IDENTITY, False)
+        inverse, regular = plain(invert)(forward) if forward else (IDENTITY, False)
         if forward and regular:
             self.kind[k] = CONSTANT_MATRIX
             self.detail[k] = len(self.matrices)
@@ -189,9 +189,7 @@ def _constant_matrix(node: Transformation) -> Affine | None:
         values = program.evaluate(program.add(node.args), [])
     except Fault:
         return None
-    return Affine(
-        *(float(x) for x in evaluate_transform(node.transform.kind, np.array([*values, 0.0])))
-    )
+    return plain(node.transform.kernel)(*values)  # type: ignore[no-any-return]
 
 
 def _legal(node: Leaf) -> bool:
