@@ -107,9 +107,10 @@ def frustum_face(p: Vec3, r: float) -> int:
     """Return the face of ``cone(r)`` that a point is nearest to."""
     g = 1.0 - r
     side = abs(math.hypot(p.x, p.y) - (1.0 - g * p.z)) / math.sqrt(1.0 + g * g)
-    if abs(p.z) < side:
+    bottom, top = abs(p.z), abs(1.0 - p.z)
+    if bottom < side and bottom <= top:
         return BOTTOM
-    if r > 0.0 and abs(1.0 - p.z) < side:
+    if top < side and r > 0.0:
         return TOP
     return SIDE
 
@@ -225,16 +226,16 @@ class Cone(Solid):
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
         ox, oy, oz = ray.ox, ray.oy, ray.oz
         dx, dy, dz, k = ray.dx, ray.dy, ray.dz, 1.0
-        across = dx * dx + dy * dy
-        length = across + dz * dz
+        flat = dx * dx + dy * dy
+        length = flat + dz * dz
         if not LEAST_SQUARE < length < GREATEST_SQUARE:
             big = size(ray)
             if big == 0.0:
                 return n
             k = 1.0 / big
             dx, dy, dz = dx * k, dy * k, dz * k
-            across = dx * dx + dy * dy
-            length = across + dz * dz
+            flat = dx * dx + dy * dy
+            length = flat + dz * dz
         # From the point of the line that is nearest to the middle of the axis, so that a far
         # origin costs no digits. s is t counted from there.
         tm = -(ox * dx + oy * dy + (oz - 0.5) * dz) / length
@@ -242,10 +243,13 @@ class Cone(Solid):
         # x2 + y2 - (radius at z)2 = a s2 + 2 b s + c along the line.
         g = 1.0 - args[at]
         radius, slope = 1.0 - g * pz, g * dz
-        a = across - slope * slope
+        a = flat - slope * slope
         b = px * dx + py * dy + radius * slope
         c = px * px + py * py - radius * radius
-        disc = b * b - a * c
+        # b2 - a c by Lagrange's identity, which keeps its digits at the apex.
+        vx, vy = px * slope + radius * dx, py * slope + radius * dy
+        across = px * dy - py * dx
+        disc = vx * vx + vy * vy - across * across
         lo, hi = -INF, INF
         if disc > 0.0 or a < 0.0:
             root = math.sqrt(max(disc, 0.0))

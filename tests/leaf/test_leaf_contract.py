@@ -123,8 +123,9 @@ def test_agrees_with_dense_sampling(solid: type[Solid], data: Any, line: Any) ->
     assert (within[sure] == (f[sure] < 0.0)).all()
     flips = np.flatnonzero(sure[1:] & sure[:-1] & ((f[1:] < 0.0) != (f[:-1] < 0.0)))
     for k in flips:
-        steepness = abs(f[k + 1] - f[k]) / ((t[k + 1] - t[k]) * unit)
         root = bisect(lambda s: implicit(solid, args, o + s * d), t[k], t[k + 1])
+        around = o + np.outer([root - 1e-7 / unit, root + 1e-7 / unit], d)
+        steepness = np.abs(implicit(solid, args, around)).min() / 1e-7 + 1e-12
         error = np.abs(found - root).min() * unit
         assert error <= 10.0 * rounding(o) / min(1.0, steepness)
 
