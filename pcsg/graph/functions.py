@@ -325,6 +325,8 @@ def lerp(a: float, b: float, t: float) -> float:
 @_register(Form.TERNARY)
 def smoothstep(a: float, b: float, x: float) -> float:
     """smoothstep(a, b, x): 0 below a, 1 above b, 3u2 - 2u3 between."""
+    if a == b:
+        return math.nan
     u = (x - a) / (b - a)
     u = 0.0 if u < 0.0 else (1.0 if u > 1.0 else u)
     return u * u * (3.0 - 2.0 * u)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 
-from pcsg.graph.expr import Expr, functions_of, parameters_of
+from pcsg.graph.expr import Apply, Expr, Number, Parameter, operands, postorder
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.graph import FRAME_SLOTS, Graph, expressions
 from pcsg.graph.nodes import Attribute, Calculation, Leaf, Selection, Transformation
@@ -19,9 +19,15 @@ from pcsg.graph.nodes import Attribute, Calculation, Leaf, Selection, Transforma
 
 def reads(*exprs: Expr) -> set[str]:
     """Return the names of all slots that expressions read, the frame's with world queries."""
-    names = parameters_of(*exprs)
-    if any(FUNCTIONS[f].form is Form.WORLD for f in functions_of(*exprs)):
-        names.update(FRAME_SLOTS)
+    names: set[str] = set()
+    for expr in exprs:
+        if isinstance(expr, Number):
+            continue
+        for e in postorder(expr, operands):
+            if isinstance(e, Parameter):
+                names.add(e.name)
+            elif isinstance(e, Apply) and FUNCTIONS[e.function].form is Form.WORLD:
+                names.update(FRAME_SLOTS)
     return names
 
 

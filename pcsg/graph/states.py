@@ -1,8 +1,9 @@
 """States of a graph: what a module looks like for given values of its live parameters.
 
-A *state* is a module together with the values of the parameters that are live there. Unrolling the
-cyclic graph over states gives a graph without cycles and with constant matrices, as small as the
-derivation is regular: Sierpinski's tetrahedron of order n has n + 1 states.
+A *state* is a module together with the rule that it takes and the values of the parameters that are
+live in that rule. Unrolling the cyclic graph over states gives a graph without cycles and with
+constant matrices, as small as the derivation is regular: Sierpinski's tetrahedron of order n has
+n + 1 states, fig 5a's tree 22.
 
 The right-hand side of a state is kept twice: as `State.content`, its items with their matrices,
 and as `State.steps`, one for every node visited on the way, which the hyper-bounding boxes need.
@@ -29,7 +30,7 @@ from pcsg.graph.nodes import Leaf, Operation, Selection, Transformation
 from pcsg.graph.operators import UNION, Operator
 from pcsg.vec import IDENTITY, Affine
 
-BUDGET = 20_000
+BUDGET = 8_000
 """States that are enumerated unless the caller says otherwise."""
 
 STEPS_PER_STATE = 10
@@ -99,19 +100,19 @@ Step = LeafStep | StateStep | UnaryStep | OperationStep
 
 @dataclass(slots=True)
 class State:
-    """A module with the values of its live parameters.
+    """A module, the rule that it takes, and the values of the parameters that are live there.
 
     Attributes
     ----------
     node
         Number of the selection node; the root for the axiom, which is state 0. A large expression
         that is shared in the text begins a state too, so that no state is larger than its text.
+    rule, start
+        Number of the rule taken, 0 where there is no choice to take, and the node it begins with.
     values
-        Of the slots that are live there, in the order of `Liveness.slots`.
+        Of the slots that are live at `start`, in the order of `Liveness.slots`.
     parent
         The state that found it first, -1 for the axiom.
-    rule
-        Number of the rule taken, 0 where there is no choice to take.
     content
         Its expanded right-hand side, postfix; None where the budget ended before it.
     steps
@@ -119,9 +120,10 @@ class State:
     """
 
     node: int
+    rule: int
+    start: int
     values: tuple[float, ...]
     parent: int
-    rule: int = 0
     content: tuple[Item, ...] | None = None
     steps: tuple[Step, ...] = ()
 
@@ -228,11 +230,11 @@ class _Unroller:
         self.code = GraphCode(graph, self.liveness)
         self.cuts = cuts(graph)
         self.budget = budget
-        self.found = StateGraph(graph, [State(0, (), -1)])
+        self.found = StateGraph(graph, [State(0, 0, 0, (), -1)])
         self.initial = self.code.initial(globals_values)
         self.unassigned = [math.nan] * len(self.initial)
         self.attributes = [self.code.slots[name] for name in ATTRIBUTE_SLOTS]
-        self.index: dict[tuple[int, bytes], int] = {}
+        self.index: dict[tuple[int, int, bytes], int] = {}
         self.pending: list[int] = []
         self.pack = {k: Struct(f"{len(s)}d").pack for k, s in enumerate(self.liveness.slots)}
         self.reported: set[object] = set()
@@ -257,41 +259,25 @@ class _Unroller:
         """Fill in the content of a state."""
         state = self.found.states[k]
         params = self.initial.copy() if k == 0 else self.unassigned.copy()
-        for slot, value in zip(self.liveness.slots[state.node], state.values, strict=False):
+        for slot, value in zip(self.liveness.slots[state.start], state.values, strict=False):
             params[slot] = value
-        start = state.node
         content: list[Item] = []
         steps: list[Step] = []
-        state.content = ()
-        if k > 0 and isinstance(self.graph.nodes[start], Selection):
-            try:
-                start = self._take_rule(state, params)
-            except NodeFault as fault:
-                self._report(fault, k, params)
-                return
-        if k > 0 and start == state.node:
-            self._visit(k, start, params, content, steps, opened=start)
-        else:
-            self._visit(k, start, params, content, steps)
+        self._visit(k, params, content, steps)
         state.content, state.steps = tuple(content), tuple(steps)
-
-    def _take_rule(self, state: State, params: list[float]) -> int:
-        node = self.graph.nodes[state.node]
-        assert isinstance(node, Selection)
-        state.rule = self.code.select(state.node, params)
-        return self.graph.number[node.rules[state.rule]]
 
     def _visit(
         self,
         k: int,
-        start: int,
         params: list[float],
         content: list[Item],
         steps: list[Step],
-        opened: int = -1,
     ) -> None:
         """Walk a right-hand side; what a branch assigns stays in the branch."""
         graph, code = self.graph, self.code
+        start = self.found.states[k].start
+        # A large shared expression begins a state where it is met, but not its own.
+        opened = start if k > 0 and start == self.found.states[k].node else -1
         stack: list[tuple[int, list[float], Affine] | Step] = [(start, params, IDENTITY)]
         while stack:
             entry = stack.pop()
@@ -302,14 +288,14 @@ class _Unroller:
                 continue
             n, params, matrix = entry  # type: ignore[misc]
             node = graph.nodes[n]
-            if n in self.cuts and n != opened:
-                child = self._intern(n, params, k)
-                steps.append(StateStep(n, child))
-                content.append(StateItem(matrix, child))
-                continue
+            is_cut = n in self.cuts and n != opened
             opened = -1
             try:
-                if isinstance(node, Leaf):
+                if is_cut:
+                    child = self._intern(n, params, k)
+                    steps.append(StateStep(n, child))
+                    content.append(StateItem(matrix, child))
+                elif isinstance(node, Leaf):
                     args = code.leaf_arguments(n, params)
                     attributes = tuple(params[a] for a in self.attributes)
                     steps.append(LeafStep(n, args))
@@ -336,12 +322,17 @@ class _Unroller:
 
     def _intern(self, n: int, params: list[float], parent: int) -> int:
         """Return the number of a state, a new one if it was not met before."""
-        values = tuple([params[slot] for slot in self.liveness.slots[n]])
-        key = n, self.pack[n](*values)
+        node = self.graph.nodes[n]
+        rule, start = 0, n
+        if isinstance(node, Selection):
+            rule = self.code.select(n, params)
+            start = self.graph.number[node.rules[rule]]
+        values = tuple([params[slot] for slot in self.liveness.slots[start]])
+        key = n, rule, self.pack[start](*values)
         k = self.index.get(key)
         if k is None:
             k = self.index[key] = len(self.found.states)
-            self.found.states.append(State(n, values, parent))
+            self.found.states.append(State(n, rule, start, values, parent))
             self.pending.append(k)
         return k
 
@@ -450,7 +441,7 @@ def _report_depth(found: StateGraph, chain: list[int], limit: int) -> None:
             break
     last = found.states[above]
     slots = tuple(found.graph.slots)
-    live = Liveness(found.graph).slots[last.node]
+    live = Liveness(found.graph).slots[last.start]
     values = {slots[i]: v for i, v in zip(live, last.values, strict=True)}
     found.diagnostics.append(
         fault_diagnostic(

@@ -157,11 +157,11 @@ def align(x: float, y: float, z: float) -> Affine:
     if x == 0.0 and y == 0.0 and z == 0.0:
         return Affine(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     d = normalize(Vec3(x, y, z))
-    if d.x == 0.0 and d.y == 0.0:
+    sine2 = d.x * d.x + d.y * d.y
+    if sine2 < 1e-290:  # its digits are lost, and the turn is one about any axis
         s = 1.0 if d.z > 0.0 else -1.0
         return Affine(1.0, 0.0, 0.0, 0.0, 0.0, s, 0.0, 0.0, 0.0, 0.0, s, 0.0)
     # k = (1 - c) / sin^2, written so that it keeps its digits near the opposite direction.
-    sine2 = d.x * d.x + d.y * d.y
     k = 1.0 / (1.0 + d.z) if d.z > 0.0 else (1.0 - d.z) / sine2
     return Affine(
         1.0 - k * d.x * d.x,
