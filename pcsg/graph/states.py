@@ -30,7 +30,7 @@ from pcsg.graph.nodes import Leaf, Operation, Selection, Transformation
 from pcsg.graph.operators import UNION, Operator
 from pcsg.vec import IDENTITY, Affine
 
-BUDGET = 8_000
+BUDGET = 4_000
 """States that are enumerated unless the caller says otherwise."""
 
 STEPS_PER_STATE = 10

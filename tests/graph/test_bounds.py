@@ -151,6 +151,17 @@ def test_large_unions_are_searched_in_arrays() -> None:
     assert_box(hyper_boxes(graph).scene, *union_box(graph), 1e-6)
 
 
+def test_the_search_prunes_only_what_is_smaller() -> None:
+    # Two balls far apart on a diagonal, turned upright: they reach all the way to the ball around
+    # both, and a little beyond another solid that is found first.
+    both = move(8, 8, 8) * sphere() | move(-8, -8, -8) * sphere()
+    upright = prefix("roty")(-math.degrees(math.atan(math.sqrt(2)))) * rotz(-45) * both
+    graph = Graph(upright | move(0, 0, 13.5) * sphere())
+    found = hyper_boxes(graph)
+    assert_box(found.scene, *union_box(graph), 1e-6)
+    assert found.scene.upper[2] == pytest.approx(8 * math.sqrt(3) + 1)
+
+
 def local_points(rng: random.Random, graph: Graph) -> list[Vector]:
     """Return points in and near the leaves of a graph, in world coordinates."""
     points = []
