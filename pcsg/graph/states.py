@@ -351,7 +351,7 @@ class _Unroller:
         )
 
 
-_SHARED_SIZE = 1000
+_SHARED_SIZE = 250
 
 
 def cuts(graph: Graph) -> set[int]:
