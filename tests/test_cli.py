@@ -223,14 +223,17 @@ def test_graph(run, tmp_path, ending, start):
 @pytest.mark.skipif(os.name == "nt", reason="signals differ there")
 def test_an_interrupt_keeps_the_partial_picture(tmp_path):
     (tmp_path / "ball.pcsg").write_text(BALL)
-    arguments = ["render", "ball.pcsg", "--size", "3000x2000", "--samples", "1024"]
+    arguments = ["render", "ball.pcsg", "--size", "3000x2000", "--samples", "1024", "-v"]
     # Kernels are compiled beforehand, so that the interrupt meets the rendering.
     warm = [*PYTHON, "render", "ball.pcsg", "--size", "8x8", "-q", "-o", "warm.png"]
     subprocess.run(warm, cwd=tmp_path, check=True, timeout=300)
     process = subprocess.Popen(
         [*PYTHON, *arguments], cwd=tmp_path, stderr=subprocess.PIPE, text=True
     )
-    time.sleep(5)
+    assert process.stderr is not None
+    while not process.stderr.readline().startswith("--camera"):
+        assert process.poll() is None
+    time.sleep(4)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130

@@ -69,6 +69,10 @@ def run(arguments: RenderArguments) -> None:
     if not arguments.quiet:
         _announce_compilation()
     job = Job(scene, options, {"pcsg:command": shlex.join(["pcsg", *sys.argv[1:]])})
+    if arguments.verbose:
+        camera = job.stage.camera
+        eye, target = (",".join(f"{x:.6g}" for x in p) for p in (camera.eye, camera.target))
+        say(f'--camera "eye={eye} target={target} fov={camera.fov:g}"')
     try:
         _run_with_progress(job, arguments.quiet)
     except KeyboardInterrupt:
@@ -154,7 +158,4 @@ def _tell(job: Job, output: Path, verbose: bool) -> None:
         f" in {progress.seconds:.1f} s ({rate / 1e6:.2g} million/s)"
     )
     if verbose:
-        camera = job.stage.camera
-        say(f"  {progress.samples / (width * height):.2f} samples per pixel on average")
-        eye, target = (",".join(f"{x:.6g}" for x in p) for p in (camera.eye, camera.target))
-        say(f'  --camera "eye={eye} target={target} fov={camera.fov:g}"')
+        say(f"{progress.samples / (width * height):.2f} samples per pixel on average")

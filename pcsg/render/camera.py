@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pcsg.errors import UsageError
-from pcsg.render.tracer import Floats
+from pcsg.render.tracer import Floats, Tracer
 
 MARGIN = 0.05
 """Part of the picture that stays free on each side of a framed box."""
@@ -101,7 +101,9 @@ def _unit(v: Floats) -> Floats:
     return np.asarray(v / np.linalg.norm(v))
 
 
-def place(values: Mapping[str, Any], bounds: Floats, aspect: float) -> Camera:
+def place(
+    values: Mapping[str, Any], bounds: Floats, aspect: float, tracer: Tracer | None = None
+) -> Camera:
     """Return the camera of a setting; what the setting leaves open frames the bounds.
 
     Parameters
@@ -112,6 +114,8 @@ def place(values: Mapping[str, Any], bounds: Floats, aspect: float) -> Camera:
         (2, 3) box about the bounded parts; may be empty, flat, a point or unbounded.
     aspect
         Width over height of the picture.
+    tracer
+        Who shows where in the box the things are; without one, the box as such is framed.
 
     Raises
     ------
@@ -124,7 +128,15 @@ def place(values: Mapping[str, Any], bounds: Floats, aspect: float) -> Camera:
     box = tame(bounds)
     if eye is None:
         if target is None:
-            eye, target = frame(box, aspect, fov, values["up"])
+            eye, target = frame(box, corners(box), aspect, fov, values["up"])
+            if tracer is not None:
+                camera = Camera(_triple(eye), _triple(target), _triple(values["up"]), fov)
+                points = probe(camera, box, aspect, tracer)
+                if len(points):
+                    eye, target = frame(box, points, aspect, fov, values["up"])
+                    # Round numbers: the last bits of hits must not move the camera.
+                    grain = 10.0 ** math.floor(math.log10(float((box[1] - box[0]).max())) - 4)
+                    eye, target = np.round(eye / grain) * grain, np.round(target / grain) * grain
         else:
             eye = _stand_back(box, np.asarray(target, float), aspect, fov, values["up"])
     elif target is None:
@@ -180,8 +192,8 @@ def default_direction(box: Floats) -> Floats:
     """
     size = box[1] - box[0]
     slender = float(size[2] / max(size[:2].max(), 1e-300))
-    s = min(max(slender / 1.2, 0.0), 1.0)
-    elevation = math.radians(34.0 - 24.0 * s * s * (3.0 - 2.0 * s))
+    s = min(max(slender / 1.7, 0.0), 1.0)
+    elevation = math.radians(34.0 - 22.0 * s * s * (3.0 - 2.0 * s))
     azimuth = math.radians(AZIMUTH)
     flat = math.cos(elevation)
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)])
@@ -194,16 +206,39 @@ def corners(box: Floats) -> Floats:
     )
 
 
-def frame(box: Floats, aspect: float, fov: float, up: Any) -> tuple[Floats, Floats]:
-    """Return eye and target of the nearest camera that sees the whole box, well placed.
+PROBES = 96
+"""Rays per side of the picture that look for the things in the box."""
 
-    In the camera's axes a corner (x, y, z) is inside the picture if |x - ex| <= tx (z - ez), so
+
+def probe(camera: Camera, box: Floats, aspect: float, tracer: Tracer) -> Floats:
+    """Return (N, 3) points of what a camera sees within a box.
+
+    A box is a poor likeness of a tree: its lower corners are empty.
+    """
+    y, x = (v.ravel() + 0.5 for v in np.mgrid[0:PROBES, 0:PROBES])
+    height = 1000.0
+    size = (round(height * aspect), round(height))
+    if size[0] < 1:
+        return np.empty((0, 3))
+    x, y = x * size[0] / PROBES, y * size[1] / PROBES
+    origins, directions = camera.rays(x, y, size)
+    hits = tracer.intersect(origins, directions, 0.0, np.inf)
+    points = hits.position[np.isfinite(hits.t)]
+    slack = 1e-6 * (box[1] - box[0]).max()
+    inside = ((points >= box[0] - slack) & (points <= box[1] + slack)).all(axis=1)
+    return np.asarray(points[inside])
+
+
+def frame(box: Floats, points: Floats, aspect: float, fov: float, up: Any) -> tuple[Floats, Floats]:
+    """Return eye and target of the nearest camera that sees points in a box, well placed.
+
+    In the camera's axes a point (x, y, z) is inside the picture if |x - ex| <= tx (z - ez), so
     the foremost ez and the middle of what ex is left have a closed form; the same for y.
     """
     towards = default_direction(box)
     right, upward, forward = basis(towards, np.zeros(3), up)
     middle = box.mean(axis=0)
-    local = (corners(box) - middle) @ np.stack([right, upward, forward]).T
+    local = (points - middle) @ np.stack([right, upward, forward]).T
     ty = math.tan(math.radians(fov) / 2) * (1 - 2 * MARGIN)
     ez = np.inf
     place_at = []
@@ -215,7 +250,8 @@ def frame(box: Floats, aspect: float, fov: float, up: Any) -> tuple[Floats, Floa
     size = float((box[1] - box[0]).max())
     ez = min(ez, float(local[:, 2].min()) - 1e-3 * size)
     eye = middle + place_at[0] * right + place_at[1] * upward + ez * forward
-    return eye, eye - ez * forward
+    depth = float(local[:, 2].mean()) - ez
+    return eye, eye + depth * forward
 
 
 def _stand_back(box: Floats, target: Floats, aspect: float, fov: float, up: Any) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 from pcsg.render.materials import Surface
 from pcsg.render.sampler import Sampler, cosine_hemisphere
 from pcsg.render.stage import Stage
-from pcsg.render.tracer import GROUND, Bools, Floats, HitsLike, Ints
+from pcsg.render.tracer import GROUND, Bools, Floats, HitsLike, Ints, Tracer
 
 
 class Purpose:
@@ -97,7 +97,7 @@ class Preview:
             towards, distance, irradiance = source.sample(surface.position, pairs)
             share = surface.reflect(towards)
             useful = np.flatnonzero((share * irradiance).max(axis=1) > 0)
-            blocked = self._blocked(surface, scale, towards, distance, useful)
+            blocked = self._blocked(stage.tracer, surface, scale, towards, distance, useful)
             rays += len(useful)
             lit = useful[~blocked]
             light[lit] += share[lit] * irradiance[lit]
@@ -141,11 +141,18 @@ class Preview:
             purpose = Purpose.FIRST_SKY if first else Purpose.SKY
             pairs = self.sampler.pairs(samples.x, samples.y, number, purpose)
             towards = cosine_hemisphere(pairs, surface.facing)
-            clear += ~self._blocked(surface, scale, towards, limit, everywhere)
+            # The ground does not block: what comes from it is the lower half of the sky.
+            clear += ~self._blocked(self.stage.things, surface, scale, towards, limit, everywhere)
         return (clear / count)[:, None], n * count
 
     def _blocked(
-        self, surface: Surface, scale: Floats, towards: Floats, distance: Floats, at: Ints
+        self,
+        tracer: Tracer,
+        surface: Surface,
+        scale: Floats,
+        towards: Floats,
+        distance: Floats,
+        at: Ints,
     ) -> Bools:
         """Return whether anything lies between points and lights.
 
@@ -158,7 +165,7 @@ class Preview:
         step = OFFSET * scale[at]
         origins = surface.position[at] + (side * step)[:, None] * facing
         t_max = np.maximum(distance[at] - 2.0 * step, 0.0)
-        return self.stage.tracer.occluded(origins, towards, 0.0, t_max)
+        return tracer.occluded(origins, towards, 0.0, t_max)
 
     def _hazed(self, light: Floats, hits: HitsLike, at: Ints, behind: Floats) -> Floats:
         """Let the ground plane fade into the horizon, where it would end in a hard line."""

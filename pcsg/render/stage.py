@@ -28,6 +28,8 @@ class Stage:
     ----------
     tracer
         The scene with its ground.
+    things
+        The scene without its ground.
     extent
         Greatest side of the bounds: what is far and near in this scene.
     lights
@@ -37,6 +39,7 @@ class Stage:
     """
 
     tracer: Tracer
+    things: Tracer
     camera: Camera
     lights: tuple[Light, ...]
     sky: Sky
@@ -60,10 +63,10 @@ def build_stage(scene: RenderScene, size: tuple[int, int], overrides: Overrides)
     materials = Materials(
         scene.setting_values("material"), scene.setting_numbers("texture"), textures
     )
-    camera = place(_values(scene, "camera", overrides), bounds, width / height)
+    camera = place(_values(scene, "camera", overrides), bounds, width / height, scene.tracer)
     sun = make_sun(_values(scene, "sun", overrides))
     points = make_points(scene.setting_values("light"))
-    tracer = scene.tracer
+    things = tracer = scene.tracer
     grounded = bool(scene.setting_values("ground")) or "ground" in overrides
     extent = float((box[1] - box[0]).max())
     if grounded:
@@ -73,7 +76,7 @@ def build_stage(scene: RenderScene, size: tuple[int, int], overrides: Overrides)
         tracer = GroundedTracer(tracer, z, number)
     lights: tuple[Light, ...] = (*((sun,) if sun else ()), *points)
     sky = make_sky(_values(scene, "sky", overrides))
-    return Stage(tracer, camera, lights, sky, materials, extent, grounded)
+    return Stage(tracer, things, camera, lights, sky, materials, extent, grounded)
 
 
 def _values(scene: RenderScene, kind: str, overrides: Overrides) -> dict[str, Any]:

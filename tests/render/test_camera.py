@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spheres import Spheres
 
 from pcsg.errors import UsageError
 from pcsg.graph.settings import SETTINGS
@@ -124,3 +125,27 @@ def test_a_lens_keeps_the_plane_of_focus_sharp():
 def test_impossible_cameras_are_refused(values, word):
     with pytest.raises(UsageError, match=word):
         place({**AUTOMATIC, **values}, np.array([[0.0] * 3, [1.0] * 3]), 1.0)
+
+
+@pytest.mark.parametrize("aspect", [0.4, 1.0, 2.5])
+def test_what_is_seen_is_framed_not_its_box(aspect):
+    # A ball on a long pole, such as a tree: the lower corners of the box are empty.
+    centers = [(0, 0, z / 4) for z in range(20)] + [(0.0, 0.0, 6.0)]
+    scene = Spheres(centers, [0.2] * 20 + [2.0])
+    camera = place(AUTOMATIC, scene.bounds, aspect, scene)
+    rng = np.random.default_rng(1)
+    surface = rng.normal(size=(21, 2000, 3))
+    surface /= np.linalg.norm(surface, axis=2)[..., None]
+    surface = surface * scene.radii[:, None, None] + scene.centers[:, None]
+    at, depth = project(camera, surface.reshape(-1, 3), aspect)
+    assert (depth > 0).all()
+    assert np.abs(at).max() < 0.97
+    k = 0 if np.ptp(at[:, 0]) > np.ptp(at[:, 1]) else 1
+    assert np.ptp(at[:, k]) > 1.75
+    assert abs(at[:, k].max() + at[:, k].min()) < 0.06
+
+
+def test_nothing_in_the_box_frames_the_box():
+    scene = Spheres([(0, 0, 0)], [1e-9])
+    box = np.array([[-1.0] * 3, [1.0] * 3])
+    assert place(AUTOMATIC, box, 1.0, scene) == place(AUTOMATIC, box, 1.0)
