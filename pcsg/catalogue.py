@@ -66,14 +66,14 @@ CATALOGUE: dict[str, Mistake] = {
         Mistake("macro-cyclic", _M, "The body of a macro leads back to the macro itself."),
         Mistake("macro-function", _M, "Macros take no arguments; use parameters or a definition."),
         Mistake(
-            "macro-too-large", _M, "Macros within macros grow beyond a million tokens or 64 levels."
+            "macro-too-large", _M, "Macros within macros grow beyond 300,000 tokens or 64 levels."
         ),
         Mistake("stray-character", _S, "A character that means nothing in the language."),
-        Mistake("bad-number", _S, "Numbers are decimal, as `2`, `0.5`, `.5` or `1e-3`, and finite."),
-        Mistake("unbalanced-bracket", _S, "A bracket without its partner."),
         Mistake(
-            "unexpected-end", _S, "An item, a text or a comment ends before it is complete."
+            "bad-number", _S, "Numbers are decimal, as `2`, `0.5`, `.5` or `1e-3`, and finite."
         ),
+        Mistake("unbalanced-bracket", _S, "A bracket without its partner."),
+        Mistake("unexpected-end", _S, "An item, a text or a comment ends before it is complete."),
         Mistake("unexpected-token", _S, "Something stands where something else must."),
         Mistake(
             "reserved-name",
@@ -81,9 +81,7 @@ CATALOGUE: dict[str, Mistake] = {
             "Names of transformations, attributes and primitives, and the words "
             "`else and or not pi e true false` cannot name anything else.",
         ),
-        Mistake(
-            "chained-comparison", _S, "Comparisons do not chain: write `a < b and b < c`."
-        ),
+        Mistake("chained-comparison", _S, "Comparisons do not chain: write `a < b and b < c`."),
         Mistake("needs-parentheses", _S, "`not` behind a tighter operator needs parentheses."),
         Mistake("unknown-primitive", _N, "No primitive, definition or module has this name."),
         Mistake("unknown-transformation", _N, "No transformation or attribute has this name."),

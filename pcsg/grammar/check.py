@@ -106,7 +106,10 @@ def _check_count(
     else:
         wanted = str(least) if least == most else f"{least} to {most}"
     plural = "" if wanted in ("1", "at least 1") else "s"
-    message = f"`{name}` takes {wanted} argument{plural}, not {count}"
+    if most == 0:
+        message = f"`{name}` takes no arguments"
+    else:
+        message = f"`{name}` takes {wanted} argument{plural}, not {count}"
     return [diagnose("wrong-arguments", message, span, expected=usage)]
 
 

@@ -172,7 +172,7 @@ class _Cutter:
                 max(token.end, colon.end),
                 token.line,
             )
-            head.body = token.body
+            head.origin, head.places = token.origin, token.places
             self.item.tokens.append(head)
             return i + 2
         if kind == "setting":
@@ -257,6 +257,9 @@ class _Cutter:
         assert self.item is not None
         sign = _CLOSES[token.type]
         if not self.open or self.open[-1][1] != sign:
+            if self.item.broken:
+                del self.open[-1:]
+                return
             shown = ")" if sign == "(" else "}"
             notes = []
             if self.open:

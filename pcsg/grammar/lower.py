@@ -108,9 +108,9 @@ class _Lowering:
         if use.arguments is None or not isinstance(node, Selection) or not node.attributed:
             return node
         formals = node.attributed.formals
-        if len(formals) != len(use.arguments.values):
-            return node
-        pairs = tuple(zip(formals, use.arguments.values, strict=True))
+        # A wrong number was reported; the formals count as assigned all the same.
+        values = [*use.arguments.values, *[Number(0.0)] * len(formals)]
+        pairs = tuple(zip(formals, values, strict=False))
         return Calculation(pairs, node, call=True, span=use.span)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Set
 
 from pcsg.catalogue import diagnose
-from pcsg.errors import Diagnostic, SourceSpan
+from pcsg.errors import Diagnostic
 from pcsg.grammar.tokens import WORD_TYPES, Token
 
 _ITEM_NAMES = {
@@ -26,6 +26,7 @@ _GROUPS: tuple[tuple[str, frozenset[str]], ...] = (
     ("a number", frozenset({"NAME", "NUMBER", "CONSTANT", "LPAREN", "MINUS", "NOT"})),
     ("an operator", frozenset({"UNION", "INTERSECTION", "DIFFERENCE", "MINUS"})),
     ("an operator", frozenset({"OPERATOR", "MINUS"})),
+    ("`,`", frozenset({"SEMICOLON", "COMMA", "RPAREN"})),
     ("`;`", frozenset({"SEMICOLON", "COMMA"})),
 )
 
@@ -76,10 +77,8 @@ def explain(kind: str, tokens: list[Token], at: int, accepts: Set[str], last: bo
     expected = _describe(accepts)
     item = _ITEM_NAMES[kind]
     if at >= len(tokens):
-        end = tokens[-1].span
-        place = SourceSpan(end.source, end.start, end.end, end.body)
         message = f"{'the file' if last else item} ends behind `{_shown(tokens[-1])}`"
-        return diagnose("unexpected-end", message, place, expected=expected)
+        return diagnose("unexpected-end", message, tokens[-1].span, expected=expected)
     token = tokens[at]
     if "NAME" in accepts and token.type in WORD_TYPES and _names_something(kind, tokens, at):
         message = f"`{token.text}` is reserved: it is {_RESERVED[token.type]}"
@@ -94,7 +93,7 @@ def explain(kind: str, tokens: list[Token], at: int, accepts: Set[str], last: bo
 
 
 def _shown(token: Token) -> str:
-    text = token.body.text if token.body else token.span.text
+    text = (token.origin or token).span.text
     text = " ".join(text.split())
     return text if len(text) <= 40 else text[:40] + "..."
 
@@ -130,7 +129,7 @@ def _describe(accepts: Set[str]) -> str | None:
     for name, group in _GROUPS:
         if group <= left or (name == "a number" and group <= set(accepts)):
             words.append(name)
-            left -= group
+            left -= group - {"RPAREN"}
     words += sorted(_TERMINALS[t] for t in left if t in _TERMINALS)
     words = list(dict.fromkeys(words))
     if not words:

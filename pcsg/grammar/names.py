@@ -89,7 +89,8 @@ def collect_names(
     for entry in names.modules.values():
         problems += _check_module(entry)
         if entry.name in names.definitions:
-            first, second = names.definitions[entry.name].name.span, entry.span
+            spans = (names.definitions[entry.name].name.span, entry.span)
+            first, second = sorted(spans, key=lambda s: s.start)
             problems.append(_duplicate(entry.name, second, first))
     names.axiom = axioms[0] if axioms else None
     problems += [_second_axiom(axioms[0], other) for other in axioms[1:]]

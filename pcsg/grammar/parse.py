@@ -21,6 +21,7 @@ from pcsg.grammar.precedence import Signed, SyntaxFault, Term, combine_numbers, 
 from pcsg.grammar.syntax import Arguments, Name, Solid, Value
 from pcsg.grammar.tokens import CONSTANTS, Token, join
 from pcsg.graph.expr import Apply, Expr, Number, Parameter
+from pcsg.graph.transforms import TRANSFORMS
 
 STARTS = ("axiom", "module", "rule", "attributed", "definition", "setting")
 
@@ -42,6 +43,8 @@ def parse_item(raw: RawItem, last: bool) -> tuple[syntax.Item, Diagnostic | None
         return _broken(raw), raw.problem
     kind = _kind(raw)
     tokens = raw.tokens
+    if kind == "attributed" and tokens[1].type == "TRANSFORM" and tokens[1].text not in TRANSFORMS:
+        tokens[1].type = "NAME"  # a module's head, taken for an unknown transformation
     if kind == "axiom" and tokens[0].type == "LPAREN":
         problem = diagnose(
             "unexpected-token",

@@ -17,7 +17,7 @@ from pcsg.grammar.tokens import WORD_TYPES, Token, join, tokenize
 MAX_BYTES = 16 * 2**20
 """A longer file is refused."""
 
-MAX_EXPANSION = 1_000_000
+MAX_EXPANSION = 300_000
 """Largest number of tokens that macros may produce."""
 
 MAX_NESTING = 64
@@ -377,10 +377,7 @@ class _Expander:
             if self.room < 0:
                 return self._give_up(use)
             copy = Token(token.type, token.text, use.source, use.start, use.end, use.line)
-            body = token.span
-            for place in reversed(places[1:]):
-                body = SourceSpan(place.source, place.start, place.end, body)
-            copy.body = body
+            copy.origin, copy.places = token, places
             copy.gap = token.gap
             out.append(copy)
         out[0].first = use.first
@@ -398,7 +395,7 @@ class _Expander:
             self.problems.append(
                 diagnose(
                     "macro-too-large",
-                    f"macro `{use.text}` grows beyond a million tokens or {MAX_NESTING} levels",
+                    f"macro `{use.text}` grows beyond {MAX_EXPANSION:,} tokens or {MAX_NESTING} levels",
                     use.span,
                 )
             )

@@ -34,11 +34,24 @@ class Token:
         Number of its line, not counting lines that end inside a comment.
     first, gap
         Whether it is the first on its line; whether a blank stands before it.
-    body
-        For what a macro has replaced, its place in the macro's body.
+    origin
+        For what a macro has replaced, the token in the macro's body.
+    places
+        The macros that stand within one another there, the outermost first.
     """
 
-    __slots__ = ("body", "end", "first", "gap", "line", "source", "start", "text", "type")
+    __slots__ = (
+        "end",
+        "first",
+        "gap",
+        "line",
+        "origin",
+        "places",
+        "source",
+        "start",
+        "text",
+        "type",
+    )
 
     def __init__(
         self, kind: str, text: str, source: Source, start: int, end: int, line: int = 0
@@ -51,12 +64,18 @@ class Token:
         self.line = line
         self.first = False
         self.gap = False
-        self.body: SourceSpan | None = None
+        self.origin: Token | None = None
+        self.places: tuple[SourceSpan, ...] = ()
 
     @property
     def span(self) -> SourceSpan:
-        """Its place in the text."""
-        return SourceSpan(self.source, self.start, self.end, self.body)
+        """Its place in the text, with those in the bodies of macros."""
+        if self.origin is None:
+            return SourceSpan(self.source, self.start, self.end)
+        body = self.origin.span
+        for place in reversed(self.places[1:]):
+            body = SourceSpan(place.source, place.start, place.end, body)
+        return SourceSpan(self.source, self.start, self.end, body)
 
 
 def join(a: SourceSpan, b: SourceSpan) -> SourceSpan:

@@ -179,6 +179,10 @@ def _steps(nodes: Sequence[Node]) -> list[tuple[Selection, int, Selection, Sourc
 
 def _plain_repair(modules: Sequence[Selection], read: set[str]) -> str:
     name = modules[0].name if modules else "S"
+    formals = modules[0].attributed.formals if modules and modules[0].attributed else ()
+    if read.intersection(formals):
+        changed = [f"{f}-1" if f in read else f for f in formals]
+        return f"call it with other arguments, such as `{name}({', '.join(changed)})`"
     if read:
         parameter = min(read)
         return f"put a block before the module, such as `{{{parameter}={parameter}-1}} {name}`"
