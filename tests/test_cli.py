@@ -210,6 +210,20 @@ def test_stats(run):
     assert "primitives" in run("stats", "ball.pcsg").stdout
 
 
+def test_stats_of_anything_are_json(run, tmp_path):
+    (tmp_path / "half.pcsg").write_text("halfspace\n")
+    result = run("stats", "half.pcsg", "--json")
+    assert result.exit_code == 0, result.output
+    assert "Infinity" not in result.stdout
+    json.loads(result.stdout)
+    (tmp_path / "deep.pcsg").write_text(
+        "{n=9000} S\nS if(n > 0, 2, 1)\n1: S -> sphere\n2: S -> {n=n-1} (S | S | S | S)\n"
+    )
+    result = run("stats", "deep.pcsg")
+    assert result.exit_code == 0, result.output
+    assert max(map(len, result.stdout.splitlines())) > 5000
+
+
 @pytest.mark.parametrize(
     ("ending", "start"), [("svg", b"<"), ("dot", b"digraph"), ("png", b"\x89PNG")]
 )

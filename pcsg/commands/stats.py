@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -24,17 +26,35 @@ def run(
     """Print what a scene consists of."""
     scene = open_scene(file, assignments, seed, time, include, max_memory)
     counts = scene.stats()
+    # Python refuses to write integers of more than 4300 digits; order 8000 of a fractal has them.
+    sys.set_int_max_str_digits(0)
     if as_json:
-        typer.echo(json.dumps(counts))
+        typer.echo(json.dumps(_plain(counts), allow_nan=False))
         return
     width = max(len(name) for name in counts)
     for name, value in counts.items():
         typer.echo(f"{name.replace('_', ' '):{width}}  {_shown(value)}")
 
 
+def _plain(value: Any) -> Any:
+    """Return a value with null for infinite numbers, which JSON lacks."""
+    if isinstance(value, dict):
+        return {name: _plain(v) for name, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def _shown(value: Any) -> str:
     if value is None:
         return "not finite"
+    if isinstance(value, dict):
+        parts = ", ".join(f"{name} {_shown(v)}" for name, v in value.items() if name != "total")
+        return f"{_shown(value['total'])} ({parts})" if "total" in value else parts
+    if isinstance(value, list | tuple):
+        return ", ".join(_shown(v) for v in value)
+    if isinstance(value, float):
+        return f"{value:g}"
     if isinstance(value, bool) or not isinstance(value, int):
         return str(value)
     return f"{value:,}"
