@@ -35,10 +35,15 @@ def neighbours(rng: Any, scale: float) -> tuple[Any, Any, Any]:
     base = np.hstack([np.linalg.inv(world), rng.uniform(-1.0, 1.0, (3, 1))])
     moves = [(0, 0, 1), (0, 0, -1), (-1, 0, 1), (0, -1, 1), (1, 0, -1), (0, 1, -1)]
     frames = []
-    for x, y, _ in moves:
+    for k, (x, y, sign) in enumerate(moves):
         # The triangle stands at (x, y): its frame is the base frame moved back.
         move = Affine(1.0, 0.0, 0.0, -float(x), 0.0, 1.0, 0.0, -float(y), 0.0, 0.0, 1.0, 0.0)
-        frames.append(list(compose(move, Affine(*base.ravel().tolist()))))
+        frame = compose(move, Affine(*base.ravel().tolist()))
+        # Each begins at another corner, so that neighbours round differently.
+        turn = Affine(0.0, 1.0, 0.0, 0.0, -1.0, -1.0, 0.0, float(sign), 0.0, 0.0, 1.0, 0.0)
+        for _ in range(k % 3):
+            frame = compose(turn, frame)
+        frames.append(list(frame))
     return np.array(frames), np.array([float(s) for *_, s in moves]), base
 
 
