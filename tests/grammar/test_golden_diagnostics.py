@@ -10,6 +10,7 @@ from errors_page import write_page
 from pcsg.catalogue import CATALOGUE, Stage
 from pcsg.errors import Diagnostic, GrammarError
 from pcsg.grammar import check_file, load_file
+from pcsg.graph import faults
 
 GOLDEN = Path(__file__).parent / "golden"
 FILES = sorted(GOLDEN.glob("*.pcsg"))
@@ -97,3 +98,17 @@ def test_warnings_do_not_keep_a_grammar_from_loading() -> None:
     assert graph is not None
     assert {d.severity for d in diagnostics} == {"warning"}
     assert load_file(GOLDEN / "never-used.pcsg") == graph
+
+
+def test_faults_of_the_walk_are_in_the_catalogue() -> None:
+    running = {code for code, mistake in CATALOGUE.items() if mistake.stage is Stage.RUN}
+    told = {
+        faults.NOT_FINITE,
+        faults.UNASSIGNED_PARAMETER,
+        faults.SELECTION_RANGE,
+        faults.SINGULAR_MATRIX,
+        faults.BAD_ARGUMENT,
+        faults.DEPTH_LIMIT,
+        faults.MEMORY_BUDGET,
+    }
+    assert told == running
