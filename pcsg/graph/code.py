@@ -222,6 +222,8 @@ def _code_of(graph: Graph, k: int, node: Node, liveness: Liveness) -> tuple[list
         used = [node.assignments[i] for i in liveness.used_assignments(k)]
         return [expr for _, expr in used], [name for name, _ in used]
     if isinstance(node, Attribute):
+        if not liveness.live[graph.successors[k][0]] & set(attribute_stores(node)):
+            return [], []
         exprs = list(node.args)
         if node.kind.refers_to:
             number = graph.numbers_of(node.kind.refers_to).get(node.reference or "", -1)
