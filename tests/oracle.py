@@ -487,6 +487,8 @@ def gradient(name: str, args: Sequence[float], p: Vector) -> Vector:
         return (x, y, k * (1.0 - k * z))
     assert name == "torus"
     ring = math.hypot(x, y)
+    if ring == 0.0:  # the point where a torus with a tube of radius 1 touches itself
+        return (0.0, 0.0, z)
     return (x - x / ring, y - y / ring, z)
 
 

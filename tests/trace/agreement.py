@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import oracle
+import strategies as cases
 from oracle import Event
 
 from pcsg.graph.graph import Graph
@@ -18,6 +19,8 @@ Ray = tuple[Sequence[float], Sequence[float]]
 
 LIMITS = (0.0, math.inf)
 SAME = 1e-9
+_TURNS = np.array([(0.6, 0.5, 0.7), (-0.8, 0.4, 0.5), (0.3, -0.9, 0.4), (0.5, 0.3, -0.9)])
+_TURNS = np.concatenate([_TURNS, -_TURNS])
 HAIR = 1e-8
 
 
@@ -52,8 +55,9 @@ class Judge:
         Answers that are the oracle's only for a ray a hair beside.
     """
 
-    def __init__(self, graph: Graph, **options: Any) -> None:
-        self.graph = graph
+    def __init__(self, walker: Walker, **options: Any) -> None:
+        self.walker = walker
+        graph = walker.graph
         self.forgiven = 0
         self.events = cache(lambda o, d: oracle.events(graph, o, d, **options))
 
@@ -81,14 +85,32 @@ class Judge:
             for lowest, highest in ((low, high), (low + slack, high), (low - slack, high)):
                 near.append(oracle.first_of(self.of(other), lowest, highest))
         if leaf < 0:
-            assert any(e is None for e in near), ("missed", ray, expected)
+            right = any(e is None for e in near) or self.glides(ray)
+            assert right, ("missed", ray, expected)
+            return
+        if self.is_sliver(ray, t):
             return
         ts = [e.t for e in near if e is not None and e.leaf == leaf]
+        if self.glides(ray):
+            return
         assert ts, ("another leaf", ray, expected, t, leaf)
         if expected is not None and expected.leaf == leaf:
             ts.append(expected.t)
         slack = 1e-6 * max(1.0, abs(t))
         assert min(ts) - slack <= t <= max(ts) + slack, ("another place", ray, expected, t)
+
+    def is_sliver(self, ray: Ray, t: float) -> bool:
+        """Return whether the walker's piece at t is thinner than the tolerance.
+
+        Where a ray touches a corner, rounding may leave a piece of one ulp. If it is a piece of A,
+        then A - A keeps it: of A a group takes what is exactly at t, of B what is within eps.
+        """
+        found = self.walker.spans([ray[0]], [ray[1]])
+        width = 4.0 * oracle.tolerance(t)
+        return any(
+            a - width <= t <= b + width and a < b <= a + width
+            for a, b in zip(found.t_in, found.t_out, strict=True)
+        )
 
     def surface(self, ray: Ray, found: Any, i: int, expected: Event) -> None:
         """Require the same normal away from edges, and the same attributes."""
@@ -102,26 +124,60 @@ class Judge:
         normal = np.array(expected.normal)
         if np.abs(found.normal[i] - normal).max() <= 1e-6:
             return
-        # On an edge either face may answer, and so may a surface seen edge-on.
-        others = [
-            np.abs(found.normal[i] - e.normal).max()
-            for other in nearby(ray)
-            for e in self.of(other)
-            if e.leaf == expected.leaf and abs(e.t - expected.t) <= 1e-3 * max(1.0, abs(e.t))
+        # On an edge either face may answer: what other rays see of the leaf within a hair of the
+        # point.
+        point = o + expected.t * d
+        hair = 1e-6 * size
+        others = []
+        for alone in self.alone(expected.leaf):
+            for turn in _TURNS:
+                for aside in 0.3 * hair * _TURNS:
+                    found_there = oracle.events(alone, point + aside - turn, turn)
+                    others += [e.normal for e in found_there if abs(e.t - 1.0) <= hair]
+        flip = -1.0 if expected.flipped else 1.0
+        least = min((np.abs(found.normal[i] - flip * np.array(n)).max() for n in others), default=2)
+        if least > 1e-3 and not self.glides(ray):
+            raise AssertionError(("normal", ray, expected, found.normal[i]))
+
+    def alone(self, number: int | None = None) -> list[Graph]:
+        """Return a graph for every place of a leaf, or of all leaves."""
+        return [
+            Graph(cases.prefix("matrix", *sum(leaf.frame, ())) * cases.solid(leaf.name, *leaf.args))
+            for leaf in oracle.leaves(self.walker.graph)
+            if number is None or leaf.number == number
         ]
-        assert min(others, default=2.0) <= 1e-3, ("normal", ray, expected, found.normal[i])
+
+    def glides(self, ray: Ray) -> bool:
+        """Return whether a ray runs along a surface, so that rounding may end it anywhere."""
+        o, d = np.array(ray[0]), np.array(ray[1])
+        for leaf in oracle.leaves(self.walker.graph):
+            linear, shift = np.array(leaf.frame)[:, :3], np.array(leaf.frame)[:, 3]
+            local_o, local_d = np.linalg.solve(linear, np.array([o - shift, d]).T).T
+            planes = oracle._PLANES.get(leaf.name, [])
+            if leaf.name in oracle.SHEETS:
+                planes = oracle._PLANES["halfspace"]
+            hair = 1e-6 * max(1.0, np.abs(local_o).max())
+            for n, c in planes:
+                level = abs(np.dot(n, local_o) - c) <= hair
+                if level and abs(np.dot(n, local_d)) <= 1e-6 * np.linalg.norm(local_d):
+                    return True
+        size = float(np.linalg.norm(d))
+        return any(
+            math.isfinite(e.t) and abs(np.dot(e.normal, d)) <= 1e-6 * size
+            for alone in self.alone()
+            for other in (ray, *nearby(ray))
+            for e in oracle.events(alone, *other)
+        )
 
     def spans(self, ray: Ray, pairs: Sequence[tuple[float, float]]) -> None:
         """Require the oracle's intervals, or those of a ray a hair beside."""
         if not _same(pairs, _pairs(self.of(ray)), SAME):
             self.forgiven += 1
             loose = 1e-4
-            assert any(_same(pairs, _pairs(self.of(other)), loose) for other in nearby(ray)), (
-                "spans",
-                ray,
-                pairs,
-                _pairs(self.of(ray)),
-            )
+            thick = _without_slivers(pairs)
+            others = [_without_slivers(_pairs(self.of(other))) for other in nearby(ray)]
+            right = any(_same(thick, other, loose) for other in others) or self.glides(ray)
+            assert right, ("spans", ray, pairs, _pairs(self.of(ray)))
 
 
 def _pairs(found: Sequence[Event]) -> list[tuple[float, float]]:
@@ -138,6 +194,11 @@ def _pairs(found: Sequence[Event]) -> list[tuple[float, float]]:
             entered[1] = e.t
             entered = None
     return [(a, b) for a, b in pairs]
+
+
+def _without_slivers(pairs: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Drop pieces of almost no length; sheets, of none, stay."""
+    return [(a, b) for a, b in pairs if a == b or b - a > 1e-6 * max(1.0, abs(a))]
 
 
 def _same(

@@ -33,7 +33,8 @@ BALL, BOX = solid("sphere"), solid("box")
 
 def judge_all(graph: Graph, rays: Sequence[Ray], limits: Sequence[tuple[float, float]]) -> Judge:
     """Compare all queries of some rays."""
-    walker, judge = Walker(graph), Judge(graph)
+    walker = Walker(graph)
+    judge = Judge(walker)
     for low, high in limits:
         found = cast(walker, rays, low, high)
         blocked = walker.occluded([o for o, _ in rays], [d for _, d in rays], low, high)
@@ -305,6 +306,16 @@ def test_shrunk_modules_are_empty() -> None:
         graph = Graph(C(c=depth) * module)
         spans = Walker(graph).spans([(centre, 0, 0)], [(0, 0, 1)])
         assert len(spans.t_in) == count
+
+
+def test_parameters_of_an_attribute_that_is_overridden_are_dead() -> None:
+    module = S("M", 1 + (P.c > 0))
+    module.rule(1, prefix("label", 3) * solid("sphere"))
+    module.rule(2, prefix("label", P.b) * (C(c=P.c - 1) * move(1) * module))
+    graph = Graph(C(c=2, b=7) * module)
+    assert enumerate_states(graph).diagnostics == []
+    found = cast(Walker(graph), [((2, 0, -5), (0, 0, 1))])
+    assert (found.t[0], found.label[0]) == (4.0, 3)
 
 
 # Chunks and threads

@@ -13,7 +13,7 @@ import numpy as np
 import oracle
 import pytest
 import strategies as cases
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcsg.graph.graph import Graph
@@ -21,6 +21,9 @@ from pcsg.graph.nodes import Node
 from pcsg.trace.walker import Walker
 
 Spans = list[tuple[float, float]]
+
+# Eighteen laws on two engines share the examples of a few tests.
+few = settings(max_examples=settings().max_examples // 4)
 
 UNIVERSE = cases.prefix("uscale", 64.0) * cases.solid("box")
 
@@ -50,7 +53,10 @@ LAWS: dict[str, Callable[[Node, Node, Node], tuple[Node, Node]]] = {
         complement(a & b),
         complement(a) | complement(b),
     ),
-    "difference is intersection": lambda a, b, c: (a - b, a & (UNIVERSE - b)),
+    "difference is intersection": lambda a, b, c: (
+        (UNIVERSE & a) - b,
+        (UNIVERSE & a) & complement(b),
+    ),
     "difference twice": lambda a, b, c: ((a - b) - c, a - (b | c)),
     "difference of a difference": lambda a, b, c: (a - (b - c), (a - b) | (a & c)),
     "complement twice": lambda a, b, c: (complement(complement(a)), UNIVERSE & a),
@@ -97,6 +103,7 @@ def assert_same(a: Spans, b: Spans) -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("law", LAWS)
+@few
 @given(data=st.data())
 def test_laws_hold_on_rays(law: str, engine: str, data: st.DataObject) -> None:
     integral = data.draw(st.booleans())
