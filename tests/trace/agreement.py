@@ -80,7 +80,7 @@ class Judge:
         self.forgiven += 1
         near = []
         for other in nearby(ray):
-            slack = 1e-6 * max(1.0, abs(low))
+            slack = 1e-6 * max(1.0, abs(low)) + 10.0 * HAIR / max(map(abs, ray[1]))
             # An end on a limit, too, is a matter of rounding.
             for lowest, highest in ((low, high), (low + slack, high), (low - slack, high)):
                 near.append(oracle.first_of(self.of(other), lowest, highest))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -20,7 +21,6 @@ from pcsg.graph.expr import P, call, if_
 from pcsg.graph.graph import Graph
 from pcsg.graph.nodes import Node
 from pcsg.graph.states import enumerate_states
-from pcsg.trace import walker as walker_module
 from pcsg.trace.walker import Walker
 
 move, solid, prefix = (
@@ -328,7 +328,11 @@ def test_results_do_not_depend_on_chunks_and_threads(monkeypatch: pytest.MonkeyP
     whole = Walker(graph, threads=1).intersect(o, d)
     whole_spans = Walker(graph, threads=1).spans(o, d)
     assert 50 < (whole.leaf >= 0).sum() < 450
-    monkeypatch.setattr(walker_module, "CHUNK", 37)
+    places = [m for n, m in sys.modules.items() if n.startswith("pcsg.trace.")]
+    places = [m for m in places if hasattr(m, "CHUNK")]
+    assert places
+    for place in places:
+        monkeypatch.setattr(place, "CHUNK", 37)
     for threads in (1, 3):
         walker = Walker(graph, threads=threads)
         parts, spans = walker.intersect(o, d), walker.spans(o, d)
