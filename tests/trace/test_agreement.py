@@ -19,7 +19,7 @@ from pcsg.errors import EvaluationFault, UsageError
 from pcsg.graph.build import C, S
 from pcsg.graph.expr import P, call, if_
 from pcsg.graph.graph import Graph
-from pcsg.graph.nodes import Node
+from pcsg.graph.nodes import Calculation, Node
 from pcsg.graph.states import enumerate_states
 from pcsg.trace.walker import Walker
 
@@ -316,6 +316,14 @@ def test_parameters_of_an_attribute_that_is_overridden_are_dead() -> None:
     assert enumerate_states(graph).diagnostics == []
     found = cast(Walker(graph), [((2, 0, -5), (0, 0, 1))])
     assert (found.t[0], found.label[0]) == (4.0, 3)
+
+
+@pytest.mark.parametrize(("in_parallel", "place"), [(True, (2.0, 1.0)), (False, (2.0, 2.0))])
+def test_calls_assign_in_parallel(in_parallel: bool, place: tuple[float, float]) -> None:
+    module = S("M").rule(1, prefix("move", P.x, P.y, 0) * solid("sphere"))
+    swap = (("x", P.y), ("y", P.x))
+    node = C(x=1, y=2) * Calculation(swap, module, call=in_parallel)
+    assert first(node, (*place, -5), (0, 0, 1))[0] == 4.0
 
 
 # Chunks and threads
