@@ -41,6 +41,9 @@ MaxMemory = Annotated[
     str | None,
     typer.Option("--max-memory", metavar="SIZE", help="Such as 4G; default half of the machine."),
 ]
+EngineName = Annotated[
+    str, typer.Option("--engine", metavar="NAME", help="auto, cyclic or states.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Say it in JSON on standard output.")]
 
 
@@ -91,6 +94,7 @@ def render(
     ] = None,
     include: Include = [],  # noqa: B006 - typer copies defaults
     max_memory: MaxMemory = None,
+    engine: EngineName = "auto",
     json: Json = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say more.")] = False,
@@ -112,6 +116,7 @@ def render(
             threads=threads,
             include=include,
             max_memory=max_memory,
+            engine=engine,
             json=json,
             quiet=quiet,
             verbose=verbose,
@@ -141,12 +146,13 @@ def stats(
     time: Time = None,
     include: Include = [],  # noqa: B006 - typer copies defaults
     max_memory: MaxMemory = None,
+    engine: EngineName = "auto",
     json: Json = False,
 ) -> None:
     """Count a grammar's nodes, states, primitives and bytes."""
     from pcsg.commands.stats import run
 
-    run(file, assignments, seed, time, include, max_memory, json)
+    run(file, assignments, seed, time, include, max_memory, engine, json)
 
 
 @app.command()

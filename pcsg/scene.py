@@ -6,30 +6,32 @@ import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from os import PathLike
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcsg.errors import GrammarError
+from pcsg.errors import GrammarError, UsageError
 from pcsg.graph.bounds import HyperBoxes, hyper_boxes
 from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, unit
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.nodes import Combinable, as_node
 from pcsg.graph.states import StateGraph, enumerate_states
 from pcsg.graph.stats import graph_stats
-from pcsg.graph.termination import check_termination
 from pcsg.graph.text import to_pcsg
+from pcsg.graph.validate import check_graph
 from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.tracer import Engine, StatesTracer
 from pcsg.trace.walker import Walker
 
 
 def load(
-    path: str | PathLike[str],
+    path: str | Path,
     *,
-    include: Sequence[str | PathLike[str]] = (),
+    include: Sequence[str | Path] = (),
     parameters: Mapping[str, float] | None = None,
+    engine: Engine = "auto",
     threads: int | None = None,
     max_memory: int | None = None,
     **more: float,
@@ -42,7 +44,7 @@ def load(
         Folders beside the file's own that ``#include`` may reach.
     parameters, **more
         Values in place of those that the axiom assigns; SEED and TIME.
-    threads, max_memory
+    engine, threads, max_memory
         As for `Scene`.
 
     Raises
@@ -58,7 +60,7 @@ def load(
 
     graph = load_file(path, include=include)
     values = {**(parameters or {}), **more}
-    return Scene(graph, values, threads=threads, max_memory=max_memory)
+    return Scene(graph, values, engine=engine, threads=threads, max_memory=max_memory)
 
 
 def loads(
@@ -66,6 +68,7 @@ def loads(
     *,
     name: str = "<text>",
     parameters: Mapping[str, float] | None = None,
+    engine: Engine = "auto",
     threads: int | None = None,
     max_memory: int | None = None,
     **more: float,
@@ -75,7 +78,7 @@ def loads(
 
     graph = load_text(text, name=name)
     values = {**(parameters or {}), **more}
-    return Scene(graph, values, threads=threads, max_memory=max_memory)
+    return Scene(graph, values, engine=engine, threads=threads, max_memory=max_memory)
 
 
 class Scene:
@@ -87,6 +90,9 @@ class Scene:
         A graph, or a solid built in Python.
     parameters
         Values in place of those that the axiom assigns; SEED and TIME.
+    engine
+        Who answers rays: ``cyclic`` walks the graph itself, ``states`` its unrolled states, which
+        must be finite in number; ``auto`` takes the faster one. The answers are the same.
     threads
         Most threads of one call; by default one for each processor. Results do not depend on it.
     max_memory
@@ -105,6 +111,7 @@ class Scene:
         solid: Graph | Combinable,
         parameters: Mapping[str, float] | None = None,
         *,
+        engine: Engine = "auto",
         threads: int | None = None,
         max_memory: int | None = None,
     ) -> None:
@@ -115,7 +122,7 @@ class Scene:
             if name in given:
                 values[name] = float(given.pop(name))
         self.graph = graph.override(given)
-        errors = check_termination(self.graph)
+        errors = [d for d in check_graph(self.graph) if d.severity == "error"]
         if errors:
             raise GrammarError(errors)
         sun = self._sun({**GLOBALS, **values})
@@ -124,6 +131,16 @@ class Scene:
         faults = self.states.diagnostics
         if faults:
             raise GrammarError(faults)
+        if engine not in get_args(Engine):
+            raise UsageError(f"unknown engine `{engine}`; one of {', '.join(get_args(Engine))}")
+        unrolled = self.states.finite and self.states.acyclic
+        if engine == "states" and not unrolled:
+            raise UsageError(
+                f"the grammar has more than {self.states.count} states; "
+                "the engine `states` needs all of them, use `cyclic` or `auto`"
+            )
+        self.engine = "states" if unrolled and engine != "cyclic" else "cyclic"
+        """The engine in use."""
         self._threads = threads
         self._max_memory = max_memory
 
@@ -145,12 +162,16 @@ class Scene:
         return hyper_boxes(self.graph, self.values, self.states)
 
     @cached_property
-    def tracer(self) -> Walker:
+    def tracer(self) -> Walker | StatesTracer:
         """Who answers the rays."""
+        if self.engine == "states":
+            return StatesTracer(self.graph, self.states, self._make_walker, self._threads)
+        return self._make_walker()
+
+    def _make_walker(self) -> Walker:
         limit = {} if self._max_memory is None else {"max_bytes": self._max_memory}
-        return Walker(
-            self.graph, self.values, boxes=self.boxes.boxes, threads=self._threads, **limit
-        )
+        boxes = self.boxes.boxes
+        return Walker(self.graph, self.values, boxes=boxes, threads=self._threads, **limit)
 
     @cached_property
     def parameters(self) -> dict[str, float]:
@@ -221,8 +242,10 @@ class Scene:
 
     def stats(self) -> dict[str, Any]:
         """Return statistics of the scene: see `graph_stats`."""
-        nbytes = {"graph": self.tracer.tables.nbytes}
-        return graph_stats(self.graph, self.values, self.states, self.boxes, nbytes)
+        nbytes = self.tracer.nbytes
+        found = graph_stats(self.graph, self.values, self.states, self.boxes, nbytes)
+        blocks = self.tracer.blocks.n_blocks if isinstance(self.tracer, StatesTracer) else None
+        return {**found, "engine": self.engine, "blocks": blocks}
 
     def to_pcsg(self) -> str:
         """Return the scene as text of the language."""

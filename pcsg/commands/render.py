@@ -19,6 +19,7 @@ from pcsg.errors import EvaluationFault
 
 if TYPE_CHECKING:
     from pcsg.render.job import Job, Options
+    from pcsg.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class RenderArguments:
     threads: int | None
     include: Sequence[Path]
     max_memory: str | None
+    engine: str
     json: bool
     quiet: bool
     verbose: bool
@@ -65,9 +67,10 @@ def run(arguments: RenderArguments) -> None:
         arguments.time,
         arguments.include,
         arguments.max_memory,
+        arguments.engine,
     )
     if not arguments.quiet:
-        _announce_compilation()
+        _announce_compilation(scene)
     job = Job(scene, options, {"pcsg:command": shlex.join(["pcsg", *sys.argv[1:]])})
     if arguments.verbose:
         camera = job.stage.camera
@@ -102,12 +105,13 @@ def _options(arguments: RenderArguments) -> Options:
     )
 
 
-def _announce_compilation() -> None:
+def _announce_compilation(scene: Scene) -> None:
     """Say that the first picture after an installation takes its time."""
     from pcsg.jit import is_cached
     from pcsg.trace.batch import trace_batch
+    from pcsg.trace.blocks_batch import find_batch
 
-    if not is_cached(trace_batch):
+    if not is_cached(find_batch if scene.engine == "states" else trace_batch):
         say("compiling kernels, once per installation: about half a minute")
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from pcsg.commands.options import parse_assignments, parse_memory, parse_number
 
 if TYPE_CHECKING:
     from pcsg.scene import Scene
+    from pcsg.trace.tracer import Engine
 
 
 def open_scene(
@@ -19,6 +20,7 @@ def open_scene(
     time: float | None,
     include: Sequence[Path],
     max_memory: str | None,
+    engine: str,
 ) -> Scene:
     """Return the scene of a grammar with the options' values."""
     values = parse_assignments(assignments)
@@ -29,4 +31,10 @@ def open_scene(
     limit = parse_memory(max_memory)
     from pcsg.scene import load
 
-    return load(file, include=include, max_memory=limit, parameters=values)
+    return load(
+        file,
+        include=include,
+        max_memory=limit,
+        engine=cast("Engine", engine),  # Scene checks it
+        parameters=values,
+    )

@@ -121,6 +121,8 @@ class Hulls:
     visits
         For every state the steps of its right-hand side, each with the solid below it in the
         frame of the visited node.
+    tolerance
+        Of the boxes, relative to the size of what is bounded.
     expansions, capped
         How much was searched, and whether a search ended at its limit.
     """
@@ -128,6 +130,7 @@ class Hulls:
     def __init__(self, states: StateGraph, bounded_only: bool = False) -> None:
         self.states = states
         self.bounded_only = bounded_only
+        self.tolerance = TOLERANCE
         self.expansions = 0
         self.capped = False
         self._leaves: dict[tuple[type[Solid], tuple[float, ...]], Part | None] = {}
@@ -152,16 +155,17 @@ class Hulls:
             elif isinstance(step, StateStep):
                 stack.append(self.parts[step.state])
             elif isinstance(step, LeafStep):
-                stack.append(self._leaf_part(step))
+                stack.append(self.leaf_part(step))
             else:
                 at = len(stack) - step.arity
                 operands = stack[at:]
                 del stack[at:]
-                stack.append(self._combine(step, operands))
+                stack.append(self.combine(step, operands))
             found.append((step, stack[-1]))
         return found
 
-    def _leaf_part(self, step: LeafStep) -> Part | None:
+    def leaf_part(self, step: LeafStep) -> Part | None:
+        """Return the hull of a primitive, None where it is empty."""
         node = self.states.graph.nodes[step.node]
         assert isinstance(node, Leaf)
         key = node.solid, step.args
@@ -169,7 +173,7 @@ class Hulls:
             self._leaves[key] = self._finish(Hull(solid=node.solid, args=step.args))
         return self._leaves[key]
 
-    def _combine(self, step: OperationStep, operands: list[Part | None]) -> Part | None:
+    def combine(self, step: OperationStep, operands: list[Part | None]) -> Part | None:
         """Return the hull of an operation, None where it is empty."""
         if step.operator is DIFFERENCE:
             return operands[0]
@@ -276,7 +280,7 @@ class Hulls:
             return best
         if exact:
             return offset + bound
-        tolerance = TOLERANCE * 0.25 * hull.radius * math.hypot(*w)
+        tolerance = self.tolerance * 0.25 * hull.radius * math.hypot(*w)
         if not tolerance < INF:
             tolerance = 0.0
         heap = [(-(offset + bound), 0, offset, hull, w)]

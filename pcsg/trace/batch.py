@@ -9,37 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.jit import njit
-from pcsg.leaf.dispatch import leaf_normal, leaf_uv
 from pcsg.leaf.registry import ANY, FIRST, Pool
 from pcsg.trace.merge import SHEET
+from pcsg.trace.surface import Surface, describe_hit
 from pcsg.trace.tables import Tables
-from pcsg.trace.walk import LIST, MEMBERSHIP, OK, SHRINK, Scratch, chain_map, copy_record, walk
-from pcsg.vec import Ray, Vec3, load_affine, normalize, store_affine, transform_normal
-
-
-class Surface(NamedTuple):
-    """What is known of the first hits of N rays.
-
-    Attributes
-    ----------
-    t : float64 (N,)
-        Infinite where missed.
-    leaf : int64 (N,)
-        Number of the leaf node, -1 where missed.
-    position, normal : float64 (N, 3)
-        World coordinates; unit and outward. Zero where missed.
-    uv : float64 (N, 2)
-        The leaf's surface coordinates.
-    attributes : float64 (N, 7)
-        Values of the attribute slots.
-    """
-
-    t: NDArray[np.float64]
-    leaf: NDArray[np.int64]
-    position: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    uv: NDArray[np.float64]
-    attributes: NDArray[np.float64]
+from pcsg.trace.walk import (
+    ARGUMENTS_AT,
+    ATTRIBUTES_AT,
+    LIST,
+    MEMBERSHIP,
+    OK,
+    SHRINK,
+    Scratch,
+    chain_map,
+    copy_record,
+    walk,
+)
+from pcsg.vec import Ray, load_affine, store_affine
 
 
 @njit
@@ -61,32 +47,6 @@ def _take_first_event(tables: Tables, scratch: Scratch, n: int, ray: Ray) -> int
             store_affine(scratch.best, 1, m)
             return 1
     return 0
-
-
-@njit
-def _describe(tables: Tables, pool: Pool, scratch: Scratch, ray: Ray, i: int, out: Surface) -> None:
-    """Work out the surface at the first hit, now that it is known: shoot first, shade later."""
-    t = scratch.best[0]
-    node = scratch.record_about[0]
-    kind = tables.detail[node]
-    r = scratch.records
-    p = Vec3(r[0] + t * r[3], r[1] + t * r[4], r[2] + t * r[5])
-    n = leaf_normal(kind, p, r, 13, pool)
-    u, v = leaf_uv(kind, p, r, 13, pool)
-    n = normalize(transform_normal(load_affine(scratch.best, 1), normalize(n)))
-    sign = -1.0 if scratch.record_about[2] == 1 else 1.0
-    out.t[i] = t
-    out.leaf[i] = node
-    out.position[i, 0] = ray.ox + t * ray.dx
-    out.position[i, 1] = ray.oy + t * ray.dy
-    out.position[i, 2] = ray.oz + t * ray.dz
-    out.normal[i, 0] = sign * n.x
-    out.normal[i, 1] = sign * n.y
-    out.normal[i, 2] = sign * n.z
-    out.uv[i, 0] = u
-    out.uv[i, 1] = v
-    for k in range(out.attributes.shape[1]):
-        out.attributes[i, k] = r[6 + k]
 
 
 # What a batch asks for.
@@ -192,7 +152,24 @@ def trace_batch(
             return status, i, used
         if asked == SURFACES:
             if n > 0:
-                _describe(tables, pool, scratch, ray, i, surface)
+                r = scratch.records
+                node = scratch.record_about[0]
+                describe_hit(
+                    surface,
+                    i,
+                    ray,
+                    scratch.best[0],
+                    node,
+                    tables.detail[node],
+                    Ray(r[0], r[1], r[2], r[3], r[4], r[5], ray.tmin, ray.tmax),
+                    r,
+                    ARGUMENTS_AT,
+                    pool,
+                    load_affine(scratch.best, 1),
+                    scratch.record_about[2],
+                    r,
+                    ATTRIBUTES_AT,
+                )
         elif asked != INTERVALS:
             flags[i] = n > 0
         elif used + n > len(intervals.t_in):

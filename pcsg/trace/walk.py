@@ -65,7 +65,9 @@ _F_NODE, _F_NEXT, _F_CHAIN, _F_FLIP, _F_DEPTH = 0, 1, 2, 3, 4
 _F_CHAIN_TOP, _F_RECORD_TOP, _F_START, _F_MIDDLE, _F_LISTS = 5, 6, 7, 8, 9
 _FRAME = 10
 _STATE = 9
-RECORD = 6 + _N_ATTRIBUTES + MAX_LEAF_ARGS
+ATTRIBUTES_AT = 6
+ARGUMENTS_AT = ATTRIBUTES_AT + _N_ATTRIBUTES
+RECORD = ARGUMENTS_AT + MAX_LEAF_ARGS
 
 
 class Scratch(NamedTuple):
@@ -180,9 +182,9 @@ def _write_record(
     for k in range(6):
         records[at + k] = ray[k]
     for k in range(_N_ATTRIBUTES):
-        records[at + 6 + k] = params[attribute_slot + k]
+        records[at + ATTRIBUTES_AT + k] = params[attribute_slot + k]
     for k in range(arity):
-        records[at + 6 + _N_ATTRIBUTES + k] = args[args_at + k]
+        records[at + ARGUMENTS_AT + k] = args[args_at + k]
 
 
 @njit

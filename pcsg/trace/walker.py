@@ -7,17 +7,14 @@ walked by itself.
 from __future__ import annotations
 
 import math
-import os
 import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcsg.errors import EnvironmentFault, EvaluationFault, UsageError
+from pcsg.errors import EnvironmentFault, EvaluationFault
 from pcsg.graph import faults
-from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
 from pcsg.graph.bounds import hyper_boxes
 from pcsg.graph.expr import Parameter
 from pcsg.graph.graph import GLOBALS, Graph
@@ -31,15 +28,13 @@ from pcsg.trace.batch import (
     OUTPUT_FULL,
     SURFACES,
     Intervals,
-    Surface,
     trace_batch,
 )
 from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.rays import Rays, check_points, check_rays, count_processors, run_chunks
+from pcsg.trace.surface import Surface, make_surface
 from pcsg.trace.tables import Tables, pack
 from pcsg.trace.walk import RECORD, Scratch
-
-CHUNK = 16_384
-"""Rays that one thread takes at a time."""
 
 
 class _Buffers:
@@ -141,10 +136,15 @@ class Walker:
         if boxes is None:
             boxes = hyper_boxes(graph, values).boxes
         self.tables, self._program = pack(graph, boxes, values, depth_limit)
-        self.threads = threads or os.cpu_count() or 1
+        self.threads = threads or count_processors()
         self._max_bytes = max_bytes
         self._pool: Pool = (np.zeros(1), np.zeros(1, np.float32), np.zeros(1, np.int32))
         self._local = threading.local()
+
+    @property
+    def nbytes(self) -> dict[str, int]:
+        """Bytes of what rays read."""
+        return {"graph": self.tables.nbytes}
 
     def intersect(
         self,
@@ -168,29 +168,18 @@ class Walker:
         EvaluationFault
             A ray met a fault of the grammar.
         """
-        o, d = _rays(origins, directions)
-        low, high = _limits(t_min, t_max, len(o))
-        n = len(o)
-        out = _surface(n)
+        return self.find_surfaces(check_rays(origins, directions, t_min, t_max)).hits()
+
+    def find_surfaces(self, rays: Rays) -> Surface:
+        """Find the first crossings of checked rays."""
+        out = make_surface(len(rays.origins))
 
         def work(begin: int, end: int, scratch: Scratch) -> tuple[int, int]:
-            status, i, _ = self._trace(scratch, SURFACES, o, d, low, high, begin, end, surface=out)
+            status, i, _ = self._trace(scratch, SURFACES, rays, begin, end, surface=out)
             return status, i
 
-        self._run(n, work)
-        a = out.attributes
-        return Hits(
-            t=out.t,
-            position=out.position,
-            normal=out.normal,
-            uv=out.uv,
-            leaf=out.leaf,
-            label=a[:, 6].astype(np.int64),
-            color=np.ascontiguousarray(a[:, :3]),
-            material=a[:, 3].astype(np.int64),
-            texture=a[:, 4].astype(np.int64),
-            texture_scale=np.ascontiguousarray(a[:, 5]),
-        )
+        self._run(len(rays.origins), work)
+        return out
 
     def occluded(
         self,
@@ -200,36 +189,35 @@ class Walker:
         t_max: ArrayLike = math.inf,
     ) -> NDArray[np.bool_]:
         """Find whether every ray crosses anything in [t_min, t_max]; arguments as `intersect`."""
-        o, d = _rays(origins, directions)
-        low, high = _limits(t_min, t_max, len(o))
-        out = np.zeros(len(o), np.bool_)
+        return self.find_occlusion(check_rays(origins, directions, t_min, t_max))
+
+    def find_occlusion(self, rays: Rays) -> NDArray[np.bool_]:
+        """Find whether checked rays cross anything."""
+        out = np.zeros(len(rays.origins), np.bool_)
 
         def work(begin: int, end: int, scratch: Scratch) -> tuple[int, int]:
-            status, i, _ = self._trace(scratch, OCCLUSION, o, d, low, high, begin, end, flags=out)
+            status, i, _ = self._trace(scratch, OCCLUSION, rays, begin, end, flags=out)
             return status, i
 
-        self._run(len(o), work)
+        self._run(len(rays.origins), work)
         return out
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Find whether the solid contains points (N, 3)."""
-        p = _vectors(points, "points")
-        up = np.tile([0.0, 0.0, 1.0], (len(p), 1))
-        low, high = _limits(-math.inf, math.inf, len(p))
-        out = np.zeros(len(p), np.bool_)
+        rays = check_rays(check_points(points), (0.0, 0.0, 1.0), -math.inf, math.inf)
+        out = np.zeros(len(rays.origins), np.bool_)
 
         def work(begin: int, end: int, scratch: Scratch) -> tuple[int, int]:
-            status, i, _ = self._trace(scratch, CONTAINS, p, up, low, high, begin, end, flags=out)
+            status, i, _ = self._trace(scratch, CONTAINS, rays, begin, end, flags=out)
             return status, i
 
-        self._run(len(p), work)
+        self._run(len(rays.origins), work)
         return out
 
     def spans(self, origins: ArrayLike, directions: ArrayLike) -> Spans:
         """Find all inside intervals of every ray, on the whole line."""
-        o, d = _rays(origins, directions)
-        n = len(o)
-        low, high = _limits(-math.inf, math.inf, n)
+        rays = check_rays(origins, directions, -math.inf, math.inf)
+        n = len(rays.origins)
         counts = np.zeros(n, np.int64)
         parts: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
 
@@ -239,7 +227,7 @@ class Walker:
             i, used, status = begin, 0, walk.OK
             while i < end:
                 status, i, used = self._trace(
-                    scratch, INTERVALS, o, d, low, high, i, end, intervals=out, used=used
+                    scratch, INTERVALS, rays, i, end, intervals=out, used=used
                 )
                 if status == OUTPUT_FULL:
                     more = np.empty(len(out.t_in) + len(scratch.event_t))
@@ -265,10 +253,7 @@ class Walker:
         self,
         scratch: Scratch,
         asked: int,
-        origins: NDArray[np.float64],
-        directions: NDArray[np.float64],
-        t_min: NDArray[np.float64],
-        t_max: NDArray[np.float64],
+        rays: Rays,
         begin: int,
         end: int,
         surface: Surface | None = None,
@@ -281,10 +266,7 @@ class Walker:
             self._pool,
             scratch,
             asked,
-            origins,
-            directions,
-            t_min,
-            t_max,
+            *rays,
             begin,
             end,
             surface or _NO_SURFACE,
@@ -294,23 +276,7 @@ class Walker:
         )
 
     def _run(self, n: int, work: Callable[[int, int, Scratch], tuple[int, int]]) -> None:
-        """Do chunks of rays, in threads if there is more than one; raise the first fault."""
-        starts = range(0, n, CHUNK)
-        if len(starts) <= 1 or self.threads == 1:
-            for begin in starts:
-                self._run_chunk(begin, min(n, begin + CHUNK), work)
-            return
-        with ThreadPoolExecutor(min(self.threads, len(starts))) as executor:
-            futures = [
-                executor.submit(self._run_chunk, begin, min(n, begin + CHUNK), work)
-                for begin in starts
-            ]
-            try:
-                for future in futures:
-                    future.result()
-            except BaseException:
-                executor.shutdown(cancel_futures=True)
-                raise
+        run_chunks(n, self.threads, lambda begin, end: self._run_chunk(begin, end, work))
 
     def _run_chunk(
         self, begin: int, end: int, work: Callable[[int, int, Scratch], tuple[int, int]]
@@ -367,60 +333,6 @@ class Walker:
         return ""
 
 
-def _surface(n: int) -> Surface:
-    """Return a surface of n rays that miss."""
-    return Surface(
-        t=np.full(n, np.inf),
-        leaf=np.full(n, -1, np.int64),
-        position=np.zeros((n, 3)),
-        normal=np.zeros((n, 3)),
-        uv=np.zeros((n, 2)),
-        attributes=np.tile(ATTRIBUTE_DEFAULTS, (n, 1)),
-    )
-
-
-_NO_SURFACE = _surface(0)
+_NO_SURFACE = make_surface(0)
 _NO_FLAGS = np.zeros(0, np.bool_)
 _NO_INTERVALS = Intervals(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
-
-
-def _vectors(values: ArrayLike, what: str) -> NDArray[np.float64]:
-    array = np.ascontiguousarray(values, dtype=np.float64)
-    if not array.flags.writeable:
-        array = array.copy()  # kernels are compiled for one type of array
-    if array.ndim == 1 and array.shape == (3,):
-        array = array[None, :]
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise UsageError(f"{what} must have shape (N, 3), not {array.shape}")
-    return array
-
-
-def _rays(
-    origins: ArrayLike, directions: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    o, d = _vectors(origins, "origins"), _vectors(directions, "directions")
-    if len(o) == 1 and len(d) > 1:
-        o = np.array(np.broadcast_to(o, d.shape), order="C")
-    if len(d) == 1 and len(o) > 1:
-        d = np.array(np.broadcast_to(d, o.shape), order="C")
-    if o.shape != d.shape:
-        raise UsageError(f"{len(o)} origins do not fit {len(d)} directions")
-    if not (np.isfinite(o).all() and np.isfinite(d).all()):
-        raise UsageError("rays must be finite")
-    if not d.any(axis=1).all():
-        raise UsageError("a ray's direction must not be zero")
-    return o, d
-
-
-def _limits(
-    t_min: ArrayLike, t_max: ArrayLike, n: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    limits = []
-    for value, name in ((t_min, "t_min"), (t_max, "t_max")):
-        array = np.asarray(value, dtype=np.float64)
-        if array.shape not in ((), (n,)):
-            raise UsageError(f"{name} must be a number or have shape ({n},), not {array.shape}")
-        if np.isnan(array).any():
-            raise UsageError(f"{name} must not be NaN")
-        limits.append(np.array(np.broadcast_to(array, (n,)), order="C"))
-    return limits[0], limits[1]

@@ -1,0 +1,336 @@
+"""Groups as small wide bounding volume hierarchies.
+
+Every group is opened: its largest instances are replaced by their references until there are
+about 64 (1,000 for the root), and a tree of blocks of four boxes is built over those. Cyclic
+interpretation, the graph of states and opened cuts are one design with one knob, and more than
+this no longer helps (``docs/performance.md``).
+"""
+
+from __future__ import annotations
+
+import math
+from heapq import heappop, heappush
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
+from pcsg.graph.code import compose_affine, invert_affine
+from pcsg.graph.graph import Graph
+from pcsg.graph.hulls import Bounds, Hulls, Part
+from pcsg.graph.nodes import Leaf
+from pcsg.graph.states import StateGraph
+from pcsg.leaf.registry import Solid
+from pcsg.trace.groups import INSTANCE, LEAF, OPERATION, Groups, Reference, gather
+from pcsg.trace.simd import WIDTH
+from pcsg.vec import IDENTITY, Affine
+
+OPEN_ROOT, OPEN_GROUP = 1_000, 64
+"""References up to which the root and the other groups are opened."""
+
+OPEN_TOTAL = 20_000
+"""References of all groups, about, so that many groups are opened less."""
+
+CUT_TOLERANCE = 0.01
+"""Of the boxes of opened references, relative to their size; exact ones would not pay."""
+
+BLOCK, EMPTY = 0, 7
+"""Kinds of references beside those of `groups`."""
+
+
+class Blocks(NamedTuple):
+    """Blocks and what they refer to, as flat arrays.
+
+    Attributes
+    ----------
+    boxes : float64 (24 B,)
+        Lower x of four boxes, lower y, lower z, upper x, upper y, upper z.
+    refs : int32 (4 B,)
+        ``index << 3 | kind`` of what is in the boxes.
+    inverses : float64 (12 R,)
+        target_from_group of references.
+    targets : int32 (R,)
+        LEAF: record; INSTANCE: first block; OPERATION: index into `operations`.
+    leaves : int32 (4 L,)
+        Kind, first argument, whether it is a sheet, and node number of leaf records.
+    args : float64
+        Arguments of leaves.
+    attributes : float64 (7 L,)
+        Attribute values of leaf records.
+    operations : int32
+        Operator, number of operands, whether there are sheets below; then the operands' first
+        blocks. The target of a reference is the index of the first of these.
+    root : int
+        First block of the axiom.
+    """
+
+    boxes: NDArray[np.float64]
+    refs: NDArray[np.int32]
+    inverses: NDArray[np.float64]
+    targets: NDArray[np.int32]
+    leaves: NDArray[np.int32]
+    args: NDArray[np.float64]
+    attributes: NDArray[np.float64]
+    operations: NDArray[np.int32]
+    root: int
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of blocks."""
+        return len(self.refs) // WIDTH
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all arrays in bytes."""
+        return sum(a.nbytes for a in self if isinstance(a, np.ndarray))
+
+
+class _Cut(NamedTuple):
+    """A reference in an opened group.
+
+    Attributes
+    ----------
+    path
+        Its place in the text: positions in the groups that were opened on the way.
+    """
+
+    path: tuple[int, ...]
+    reference: Reference
+    box: Bounds
+
+
+def build_blocks(graph: Graph, states: StateGraph) -> Blocks:
+    """Return the blocks of a finite acyclic state graph."""
+    hulls = Hulls(states)
+    hulls.tolerance = CUT_TOLERANCE
+    return _Builder(graph, gather(states, hulls), hulls).build()
+
+
+class _Builder:
+    def __init__(self, graph: Graph, groups: Groups, hulls: Hulls) -> None:
+        self.graph = graph
+        self.groups = groups
+        self.hulls = hulls
+        self.boxes: list[NDArray[np.float64]] = []
+        self.refs: list[list[int]] = []
+        self.inverses: list[Affine] = []
+        self.targets: list[int] = []
+        self.pending: list[tuple[int, int]] = []  # reference, group: its first block comes later
+        self.of_operations: list[int] = []
+        self.first_block: dict[int, int] = {}
+        self.limit = min(OPEN_GROUP, OPEN_TOTAL // max(1, len(groups.groups)))
+
+    def build(self) -> Blocks:
+        groups = self.groups
+        todo = [groups.root] if groups.root >= 0 else []
+        todo += [g for op in groups.operations for g in op.operands]
+        while todo:
+            g = todo.pop()
+            if g not in self.first_block:
+                self.first_block[g] = self._build_group(g)
+                todo += [target for _, target in self.pending if target not in self.first_block]
+        for reference, g in self.pending:
+            self.targets[reference] = self.first_block[g]
+        if groups.root < 0:
+            self._emit_block([], {})
+        return self._arrays()
+
+    def _build_group(self, g: int) -> int:
+        cuts = self._open(g)
+        numbers = [self._emit_reference(cut.reference) for cut in cuts]
+        boxes = np.array([cut.box for cut in cuts])
+        pad = 1e-9 * np.maximum(np.abs(np.where(np.isfinite(boxes), boxes, 0.0)).max(axis=1), 1e-3)
+        boxes[:, :3] -= pad[:, None]
+        boxes[:, 3:] += pad[:, None]
+        return self._build_tree(boxes, numbers)
+
+    def _open(self, g: int) -> list[_Cut]:
+        """Return the references of a group, its largest instances opened, in the text's order."""
+        limit = OPEN_ROOT if g == self.groups.root else self.limit
+        cuts: dict[tuple[int, ...], _Cut] = {
+            (k,): _Cut((k,), r, self.hulls.box(r.hull)) for k, r in enumerate(self.groups.groups[g])
+        }
+        heap: list[tuple[float, tuple[int, ...]]] = []
+
+        def offer(cut: _Cut) -> None:
+            if cut.reference.kind == INSTANCE:
+                heappush(heap, (-_area(cut.box), cut.path))
+
+        for cut in cuts.values():
+            offer(cut)
+        while heap:
+            _, path = heappop(heap)
+            outer = cuts[path].reference
+            inner = self.groups.groups[outer.target]
+            if len(cuts) + len(inner) - 1 > limit:
+                continue
+            del cuts[path]
+            for k, r in enumerate(inner):
+                m = outer.group_from_target
+                moved = Reference(
+                    r.kind,
+                    r.target,
+                    compose_affine(m, r.group_from_target),
+                    Part(compose_affine(m, r.hull.outer_from_inner), r.hull.hull),
+                )
+                cut = _Cut((*path, k), moved, self.hulls.box(moved.hull))
+                cuts[cut.path] = cut
+                offer(cut)
+        return [cuts[path] for path in sorted(cuts)]
+
+    def _emit_reference(self, r: Reference) -> int:
+        """Append a reference and return its code."""
+        n = len(self.targets)
+        self.inverses.append(invert_affine(r.group_from_target)[0])
+        self.targets.append(r.target)
+        if r.kind == INSTANCE:
+            self.pending.append((n, r.target))
+        elif r.kind == OPERATION:
+            self.of_operations.append(n)
+        return n << 3 | r.kind
+
+    def _build_tree(self, boxes: NDArray[np.float64], codes: list[int]) -> int:
+        """Append blocks over boxes; return the first."""
+        first = self._emit_block([], {})
+        stack = [(first, np.arange(len(codes)))]
+        while stack:
+            block, members = stack.pop()
+            parts = [members]
+            while len(parts) < WIDTH:
+                wide = [k for k, p in enumerate(parts) if len(p) > 1]
+                if not wide:
+                    break
+                k = max(wide, key=lambda k: _area_of(boxes[parts[k]]))
+                parts[k : k + 1] = _split(boxes, parts[k])
+            content: dict[int, int] = {}
+            for k, p in enumerate(parts):
+                if len(p) == 1:
+                    content[k] = codes[p[0]]
+                else:
+                    below = self._emit_block([], {})
+                    content[k] = below << 3 | BLOCK
+                    stack.append((below, p))
+            self._fill_block(block, [_hull(boxes[p]) for p in parts], content)
+        return first
+
+    def _emit_block(self, boxes: list[NDArray[np.float64]], content: dict[int, int]) -> int:
+        self.boxes.append(np.zeros(0))
+        self.refs.append([])
+        self._fill_block(len(self.boxes) - 1, boxes, content)
+        return len(self.boxes) - 1
+
+    def _fill_block(
+        self, block: int, boxes: list[NDArray[np.float64]], content: dict[int, int]
+    ) -> None:
+        planes = np.empty((6, WIDTH))
+        planes[:3], planes[3:] = np.inf, -np.inf
+        for k, box in enumerate(boxes):
+            planes[:, k] = box
+        self.boxes[block] = planes.ravel()
+        self.refs[block] = [content.get(k, EMPTY) for k in range(WIDTH)]
+
+    def _arrays(self) -> Blocks:
+        leaves: list[tuple[int, int, int, int]] = []
+        args: list[float] = []
+        attributes: list[float] = []
+        for record in self.groups.leaves:
+            solid = self._solid(record.node)
+            leaves.append((solid.kind, len(args), int(solid.sheet), record.node))
+            args.extend(record.args)
+            # What no attribute node assigns is not live, so states do not know it.
+            attributes.extend(
+                default if math.isnan(value) else value
+                for value, default in zip(record.attributes, ATTRIBUTE_DEFAULTS, strict=True)
+            )
+        operations: list[int] = []
+        begins: list[int] = []
+        for op, has_sheets in zip(self.groups.operations, self._sheets(), strict=True):
+            begins.append(len(operations))
+            operations += [op.operator.kind, len(op.operands), int(has_sheets)]
+            operations += [self.first_block[g] for g in op.operands]
+        for reference in self.of_operations:
+            self.targets[reference] = begins[self.targets[reference]]
+        return Blocks(
+            boxes=np.concatenate(self.boxes),
+            refs=np.array(self.refs, np.int32).ravel(),
+            inverses=np.array(self.inverses or [IDENTITY]).ravel(),
+            targets=np.array(self.targets or [0], np.int32),
+            leaves=np.array(leaves or [(0, 0, 0, 0)], np.int32).ravel(),
+            args=np.array(args or [0.0]),
+            attributes=np.array(attributes or ATTRIBUTE_DEFAULTS),
+            operations=np.array(operations or [0], np.int32),
+            root=self.first_block.get(self.groups.root, 0),
+        )
+
+    def _solid(self, number: int) -> type[Solid]:
+        node = self.graph.nodes[number]
+        assert isinstance(node, Leaf)
+        return node.solid
+
+    def _sheets(self) -> list[bool]:
+        """Return for every operation whether there are sheets below it."""
+        groups = self.groups
+        has: dict[tuple[int, int], bool] = {}
+        for k, record in enumerate(groups.leaves):
+            node = self.graph.nodes[record.node]
+            has[LEAF, k] = isinstance(node, Leaf) and node.solid.sheet
+        # Groups and operations refer to what was found before them, or nearly: repeat until still.
+        changed = True
+        while changed:
+            changed = False
+            for g, refs in enumerate(groups.groups):
+                value = any(has.get((r.kind, r.target), False) for r in refs)
+                changed |= value != has.get((INSTANCE, g), False)
+                has[INSTANCE, g] = value
+            for k, op in enumerate(groups.operations):
+                value = any(has.get((INSTANCE, g), False) for g in op.operands)
+                changed |= value != has.get((OPERATION, k), False)
+                has[OPERATION, k] = value
+        return [has[OPERATION, k] for k in range(len(groups.operations))]
+
+
+def _area(box: Bounds | NDArray[np.float64]) -> float:
+    """Return half the surface of a box, infinite where the box is."""
+    x, y, z = (max(0.0, box[k + 3] - box[k]) for k in range(3))
+    if max(x, y, z) == float("inf"):
+        return float("inf")
+    return x * y + y * z + z * x
+
+
+def _hull(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
+
+
+def _area_of(boxes: NDArray[np.float64]) -> float:
+    return _area(_hull(boxes))
+
+
+def _split(
+    boxes: NDArray[np.float64], members: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Split members in two where the surface area heuristic is least, over all three axes."""
+    own = boxes[members]
+    unbounded = ~np.isfinite(own).all(axis=1)
+    if unbounded.any() and not unbounded.all():
+        return members[unbounded], members[~unbounded]
+    best = np.inf
+    n = len(members)
+    cut, order = n // 2, np.arange(n)
+    if not unbounded.any():
+        for axis in range(3):
+            by = np.argsort(own[:, axis] + own[:, axis + 3], kind="stable")
+            left = _running_areas(own[by])[:-1]
+            right = _running_areas(own[by[::-1]])[-2::-1]
+            cost = left * np.arange(1, n) + right * np.arange(n - 1, 0, -1)
+            k = int(np.argmin(cost))
+            if cost[k] < best:
+                best, cut, order = cost[k], k + 1, by
+    return members[order[:cut]], members[order[cut:]]
+
+
+def _running_areas(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    lower = np.minimum.accumulate(boxes[:, :3])
+    size = np.maximum.accumulate(boxes[:, 3:]) - lower
+    areas: NDArray[np.float64] = (size * np.roll(size, 1, axis=1)).sum(axis=1)
+    return areas

@@ -1,0 +1,118 @@
+"""Batches of rays: checked arrays, and chunks of them over threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pcsg.errors import UsageError
+
+CHUNK = 16_384
+"""Rays that one thread takes at a time; fewer cost more for starting than they gain."""
+
+
+class Rays(NamedTuple):
+    """N checked rays.
+
+    Attributes
+    ----------
+    origins, directions : float64 (N, 3)
+    t_min, t_max : float64 (N,)
+    """
+
+    origins: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    t_min: NDArray[np.float64]
+    t_max: NDArray[np.float64]
+
+    def take(self, indices: NDArray[np.int64]) -> Rays:
+        """Return some of the rays."""
+        return Rays(*(a[indices] for a in self))
+
+
+def check_rays(
+    origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
+) -> Rays:
+    """Return rays as kernels take them.
+
+    Parameters
+    ----------
+    origins, directions : array_like (N, 3)
+        One of either serves for all of the other.
+    t_min, t_max : array_like, scalar or (N,)
+
+    Raises
+    ------
+    UsageError
+        Shapes do not fit, or a ray is zero or not finite.
+    """
+    o, d = check_points(origins, "origins"), check_points(directions, "directions")
+    if len(o) == 1 != len(d):
+        o = np.repeat(o, len(d), axis=0)
+    if len(d) == 1 != len(o):
+        d = np.repeat(d, len(o), axis=0)
+    if o.shape != d.shape:
+        raise UsageError(f"{len(o)} origins do not fit {len(d)} directions")
+    if not (np.isfinite(o).all() and np.isfinite(d).all()):
+        raise UsageError("rays must be finite")
+    if not d.any(axis=1).all():
+        raise UsageError("a ray's direction must not be zero")
+    return Rays(o, d, _check_limit(t_min, "t_min", len(o)), _check_limit(t_max, "t_max", len(o)))
+
+
+def check_points(points: ArrayLike, what: str = "points") -> NDArray[np.float64]:
+    """Return points as float64 (N, 3); a single one may be (3,).
+
+    Raises
+    ------
+    UsageError
+        The shape does not fit.
+    """
+    array = np.ascontiguousarray(points, dtype=np.float64)
+    if array.ndim == 1 and array.shape == (3,):
+        array = array[None, :]
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise UsageError(f"{what} must have shape (N, 3), not {array.shape}")
+    # Kernels are compiled for arrays that can be written to.
+    return array if array.flags.writeable else array.copy()
+
+
+def _check_limit(value: ArrayLike, name: str, n: int) -> NDArray[np.float64]:
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape not in ((), (n,)):
+        raise UsageError(f"{name} must be a number or have shape ({n},), not {array.shape}")
+    if np.isnan(array).any():
+        raise UsageError(f"{name} must not be NaN")
+    return np.array(np.broadcast_to(array, (n,)), order="C")
+
+
+def count_processors() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def run_chunks(n: int, threads: int, work: Callable[[int, int], None]) -> None:
+    """Call ``work(begin, end)`` for chunks of n rays, in threads if there are several.
+
+    The first exception, in the order of the rays, is raised.
+    """
+    chunks = [(begin, min(n, begin + CHUNK)) for begin in range(0, n, CHUNK)]
+    if len(chunks) <= 1 or threads == 1:
+        for begin, end in chunks:
+            work(begin, end)
+        return
+    with ThreadPoolExecutor(min(threads, len(chunks))) as executor:
+        futures = [executor.submit(work, begin, end) for begin, end in chunks]
+        try:
+            for future in futures:
+                future.result()
+        except BaseException:
+            executor.shutdown(cancel_futures=True)
+            raise

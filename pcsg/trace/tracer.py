@@ -1,0 +1,143 @@
+"""The engines behind one interface, and the choice between them."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pcsg.graph.graph import Graph
+from pcsg.graph.states import StateGraph
+from pcsg.leaf.registry import ANY, FIRST, Pool
+from pcsg.trace.blocks import Blocks, build_blocks
+from pcsg.trace.blocks_batch import find_batch
+from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.kernel import HIT, UNDECIDED, Scratch, Trees, make_scratch
+from pcsg.trace.rays import Rays, check_rays, count_processors, run_chunks
+from pcsg.trace.surface import Surface, make_surface
+from pcsg.trace.walker import Walker
+
+Engine = Literal["auto", "cyclic", "states"]
+"""``cyclic`` walks the graph itself, ``states`` its unrolled states; ``auto`` takes the states
+where they are finite in number."""
+
+
+class StatesTracer:
+    """Rays through the blocks of a graph whose states are finite in number.
+
+    Parameters
+    ----------
+    graph, states
+        What is traced.
+    walker
+        Returns the walker, which answers what needs whole lists.
+    threads
+        Most threads of one call; by default one for each processor.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        states: StateGraph,
+        walker: Callable[[], Walker],
+        threads: int | None = None,
+    ) -> None:
+        self.blocks: Blocks = build_blocks(graph, states)
+        self.threads = threads or count_processors()
+        self._make_walker = walker
+        self._lock = threading.Lock()
+        b = self.blocks
+        self._trees = Trees(b.boxes, b.refs, b.inverses, b.targets, b.leaves, b.args, b.operations)
+        self._pool: Pool = (np.zeros(1), np.zeros(1, np.float32), np.zeros(1, np.int32))
+        self._local = threading.local()
+
+    @property
+    def nbytes(self) -> dict[str, int]:
+        """Bytes of what rays read."""
+        return {"blocks": self.blocks.nbytes}
+
+    @cached_property
+    def _lists(self) -> Walker:
+        return self._make_walker()
+
+    @property
+    def walker(self) -> Walker:
+        """The walker, made when it is first needed."""
+        with self._lock:
+            return self._lists
+
+    def intersect(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = math.inf,
+    ) -> Hits:
+        """Find the first crossing of every ray, as `Walker.intersect`."""
+        rays = check_rays(origins, directions, t_min, t_max)
+        surface = make_surface(len(rays.origins))
+        found = self._find(rays, FIRST, surface)
+        undecided = np.flatnonzero(found == UNDECIDED)
+        if len(undecided):
+            surface.put(undecided, self.walker.find_surfaces(rays.take(undecided)))
+        return surface.hits()
+
+    def occluded(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = math.inf,
+    ) -> NDArray[np.bool_]:
+        """Find whether every ray crosses anything, as `Walker.occluded`."""
+        rays = check_rays(origins, directions, t_min, t_max)
+        found = self._find(rays, ANY, _NO_SURFACE)
+        out: NDArray[np.bool_] = found == HIT
+        undecided = np.flatnonzero(found == UNDECIDED)
+        if len(undecided):
+            out[undecided] = self.walker.find_occlusion(rays.take(undecided))
+        return out
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Find whether the solid contains points (N, 3)."""
+        return self.walker.contains(points)
+
+    def spans(self, origins: ArrayLike, directions: ArrayLike) -> Spans:
+        """Find all inside intervals of every ray, on the whole line."""
+        return self.walker.spans(origins, directions)
+
+    def _find(self, rays: Rays, want: int, surface: Surface) -> NDArray[np.int8]:
+        n = len(rays.origins)
+        found = np.zeros(n, np.int8)
+
+        def work(begin: int, end: int) -> None:
+            find_batch(
+                self._trees,
+                self._pool,
+                self._scratch(),
+                self.blocks.attributes,
+                self.blocks.root,
+                want,
+                *rays,
+                begin,
+                end,
+                surface,
+                found,
+            )
+
+        run_chunks(n, self.threads, work)
+        return found
+
+    def _scratch(self) -> Scratch:
+        if not hasattr(self._local, "scratch"):
+            self._local.scratch = make_scratch()
+        scratch: Scratch = self._local.scratch
+        return scratch
+
+
+_NO_SURFACE = make_surface(0)
