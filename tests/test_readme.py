@@ -1,0 +1,143 @@
+"""What the README and the gallery say is so: their code runs, their numbers and links are right."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+import pcsg
+from pcsg.cli import app
+from pcsg.grammar import load_file, load_text
+from pcsg.graph.graph import Graph
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+GALLERY = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", ROOT / "grammars" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+QUICK = {"--size": "16x12", "--samples": "1"}
+
+
+def blocks(kind: str, text: str = README) -> list[str]:
+    return re.findall(rf"^```{kind}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def commands(text: str) -> list[list[str]]:
+    lines = [shlex.split(line, comments=True) for b in blocks("sh", text) for line in b.splitlines()]
+    return [words[1:] for words in lines if words and words[0] == "pcsg"]
+
+
+def quick(words: list[str], order: str | None) -> list[str]:
+    """The same command for a small picture of a simpler scene."""
+    words = [word for word in words if word not in {"640x480", "--size", "--samples", "16"}]
+    extra = [part for option in QUICK.items() for part in option]
+    return [*words, *extra, *(["-D", order] if order else [])]
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the grammars in which commands may leave files."""
+    (tmp_path / "grammars").symlink_to(ROOT / "grammars")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("code", blocks("python"), ids=lambda code: code.split("\n")[0])
+def test_python_of_the_readme_runs(code: str, checkout: Path) -> None:
+    known: dict[str, object] = {}
+    exec(compile(code, "README.md", "exec", dont_inherit=True), known)
+    if "hits" in known:
+        scene, hits, spans, shadow = (known[n] for n in ("scene", "hits", "spans", "shadow"))
+        assert isinstance(scene, pcsg.Scene) and isinstance(hits, pcsg.Hits)
+        assert isinstance(spans, pcsg.Spans)
+        assert scene.stats()["primitives"] == 256
+        assert 0 < hits.mask.sum() < len(hits.t)
+        # Along a ray from outside the first hit is the first end of the first span.
+        first = spans.t_in[spans.offsets[:-1][hits.mask]]
+        assert first == pytest.approx(hits.t[hits.mask])
+        assert (shadow == (hits.t <= 2.5)).all()  # type: ignore[comparison-overlap]
+        assert list(known["inside"]) == [True, False]  # type: ignore[call-overload]
+    else:
+        scene = known["scene"]
+        assert isinstance(scene, pcsg.Scene)
+        assert pcsg.loads(scene.to_pcsg()).graph == scene.graph
+        assert (checkout / "twig.png").stat().st_size > 0
+
+
+def test_grammar_of_the_readme_is_the_one_of_the_file() -> None:
+    (text,) = blocks("pcsg")
+    assert load_text(text) == Graph(load_file(ROOT / "grammars" / "sierpinski.pcsg").root)
+
+
+def test_mistake_of_the_readme_is_reported_like_that() -> None:
+    (shown,) = (b for b in blocks("") if "error[" in b)
+    source = [""] * 3 + [re.findall(r"^ +4 \| (.*)$", shown, re.MULTILINE)[0]]
+    text = "{c = 3} S\n\nS if(c > 0, 2, 1)\n" + source[3] + "\n2: S -> {c = c-1} uscale(0.5) S\n"
+    with pytest.raises(pcsg.GrammarError) as caught:
+        pcsg.loads(text, name="mistake.pcsg")
+    assert str(caught.value).strip() == shown.strip()
+
+
+@pytest.mark.parametrize("words", commands(README), ids=" ".join)
+def test_commands_of_the_readme_work(words: list[str], checkout: Path) -> None:
+    simpler = "cnt=3" if "tree" in words[1] and words[0] == "render" else None
+    run = quick(words, simpler) if words[0] == "render" else words
+    result = CliRunner().invoke(app, run)
+    assert result.exit_code == 0, result.output
+    if words[0] == "render":
+        with Image.open(checkout / f"{Path(words[1]).stem}.png") as picture:
+            assert picture.size == (16, 12)
+    if "c=40" in words:
+        assert str(4**40) in result.stdout
+
+
+SECTIONS = re.split(r"^## ", GALLERY, flags=re.MULTILINE)[1:]
+
+
+@pytest.mark.parametrize("section", SECTIONS, ids=lambda s: s.split("\n")[0])
+def test_gallery(section: str) -> None:
+    (words,) = commands(section)
+    assert words[0] == "render" and words[-2:] == ["--size", "640x480"]
+    values = {k: float(v) for k, v in re.findall(r"-D (\w+)=(\S+)", " ".join(words))}
+    stats = pcsg.load(ROOT / words[1], parameters=values).stats()
+    (primitives,) = re.findall(r"([\d,]+)\s+primitive\s+equivalents", section)
+    assert int(primitives.replace(",", "")) == stats["primitives"]
+    for nodes in re.findall(r"(\d+) nodes", section):
+        assert int(nodes) == stats["nodes"]["total"]
+    (name,) = re.findall(r"!\[[^]]+\]\(pictures/([\w-]+\.png)\)", section)
+    file = ROOT / "docs" / "pictures" / name
+    assert Path(words[1]).stem == file.stem
+    assert file.stat().st_size < 400_000
+    with Image.open(file) as picture:
+        assert picture.size == (640, 480)
+
+
+def test_every_grammar_is_in_the_gallery_and_in_its_folder_s_readme() -> None:
+    listed = (ROOT / "grammars" / "README.md").read_text(encoding="utf-8")
+    for file in (ROOT / "grammars").glob("*.pcsg"):
+        assert file.name in GALLERY and f"`{file.name}`" in listed
+
+
+def test_every_page_is_in_the_index() -> None:
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    for page in (ROOT / "docs").glob("*.md"):
+        assert page.name == "README.md" or f"]({page.name})" in index
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)#\s]+)\)", page.read_text(encoding="utf-8")):
+        assert "://" in link or (page.parent / link).exists(), link
+
+
+def test_numbers_of_the_readme() -> None:
+    stats = pcsg.load(ROOT / "grammars" / "tree.pcsg").stats()
+    assert f"{stats['primitives']:,} solids, its graph {stats['nodes']['total']} nodes" in " ".join(
+        README.split()
+    )
+    assert sys.version_info >= (3, 11) and "Python 3.11 or newer" in README
