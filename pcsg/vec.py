@@ -113,7 +113,7 @@ def transform_normal(local_from_world: Affine, n: Vec3) -> Vec3:
     )
 
 
-@njit
+@njit(inline=True)
 def transform_ray(m: Affine, r: Ray) -> Ray:
     """Map a ray; t keeps its meaning."""
     return Ray(
@@ -191,7 +191,7 @@ def invert(m: Affine) -> tuple[Affine, bool]:
     return inverse, total < math.inf
 
 
-@njit
+@njit(inline=True)
 def load_affine(array: NDArray[np.float64], at: int) -> Affine:
     """Read 12 consecutive numbers as a map."""
     return Affine(

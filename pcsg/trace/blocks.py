@@ -22,8 +22,19 @@ from pcsg.graph.hulls import Bounds, Hulls, Part
 from pcsg.graph.nodes import Leaf
 from pcsg.graph.states import StateGraph
 from pcsg.leaf.registry import Solid
-from pcsg.trace.groups import INSTANCE, LEAF, OPERATION, Groups, Reference, gather
+from pcsg.trace.groups import (
+    BLOCK,
+    EMPTY,
+    INSTANCE,
+    LEAF,
+    OPERATION,
+    SMALL,
+    Groups,
+    Reference,
+    gather,
+)
 from pcsg.trace.simd import WIDTH
+from pcsg.trace.small import SmallOperation, flatten_operation
 from pcsg.vec import IDENTITY, Affine
 
 OPEN_ROOT, OPEN_GROUP = 1_000, 64
@@ -34,9 +45,6 @@ OPEN_TOTAL = 20_000
 
 CUT_TOLERANCE = 0.01
 """Of the boxes of opened references, relative to their size; exact ones would not pay."""
-
-BLOCK, EMPTY = 0, 7
-"""Kinds of references beside those of `groups`."""
 
 
 class Blocks(NamedTuple):
@@ -51,7 +59,8 @@ class Blocks(NamedTuple):
     inverses : float64 (12 R,)
         target_from_group of references.
     targets : int32 (R,)
-        LEAF: record; INSTANCE: first block; OPERATION: index into `operations`.
+        LEAF: record; INSTANCE: first block; OPERATION: index into `operations`; SMALL: into
+        `smalls`.
     leaves : int32 (4 L,)
         Kind, first argument, whether it is a sheet, and node number of leaf records.
     args : float64
@@ -61,6 +70,10 @@ class Blocks(NamedTuple):
     operations : int32
         Operator, number of operands, whether there are sheets below; then the operands' first
         blocks. The target of a reference is the index of the first of these.
+    smalls : int32
+        Records of small operations, see `small.HEADER`.
+    tables : uint64
+        Their truth tables.
     root : int
         First block of the axiom.
     """
@@ -73,6 +86,8 @@ class Blocks(NamedTuple):
     args: NDArray[np.float64]
     attributes: NDArray[np.float64]
     operations: NDArray[np.int32]
+    smalls: NDArray[np.int32]
+    tables: NDArray[np.uint64]
     root: int
 
     @property
@@ -119,6 +134,14 @@ class _Builder:
         self.pending: list[tuple[int, int]] = []  # reference, group: its first block comes later
         self.of_operations: list[int] = []
         self.first_block: dict[int, int] = {}
+        self.smalls: list[int] = []
+        self.tables: list[int] = []
+        sheets = self._sheets()
+        self.small_at: dict[int, int] = {}
+        for k in range(len(groups.operations)):
+            small = None if sheets[k] else flatten_operation(groups, k)
+            if small is not None:
+                self.small_at[k] = self._emit_small(small)
         self.limit = min(OPEN_GROUP, OPEN_TOTAL // max(1, len(groups.groups)))
 
     def build(self) -> Blocks:
@@ -187,8 +210,22 @@ class _Builder:
         if r.kind == INSTANCE:
             self.pending.append((n, r.target))
         elif r.kind == OPERATION:
+            if r.target in self.small_at:
+                self.targets[n] = self.small_at[r.target]
+                return n << 3 | SMALL
             self.of_operations.append(n)
         return n << 3 | r.kind
+
+    def _emit_small(self, small: SmallOperation) -> int:
+        """Append a small operation and return where its record begins."""
+        begin = len(self.smalls)
+        self.smalls += [len(small.primitives), len(self.tables), small.required]
+        self.tables.append(small.table)
+        for p in small.primitives:
+            self.smalls += [len(self.targets), p.record, int(p.flipped)]
+            self.inverses.append(invert_affine(p.operation_from_leaf)[0])
+            self.targets.append(p.record)
+        return begin
 
     def _build_tree(self, boxes: NDArray[np.float64], codes: list[int]) -> int:
         """Append blocks over boxes; return the first."""
@@ -260,6 +297,8 @@ class _Builder:
             args=np.array(args or [0.0]),
             attributes=np.array(attributes or ATTRIBUTE_DEFAULTS),
             operations=np.array(operations or [0], np.int32),
+            smalls=np.array(self.smalls or [0], np.int32),
+            tables=np.array(self.tables or [0], np.uint64),
             root=self.first_block.get(self.groups.root, 0),
         )
 

@@ -12,12 +12,14 @@ from pcsg.trace.kernel import (
     HIT,
     HIT_PATH,
     INSIDE,
+    SLOT,
     Scratch,
     T,
     Trees,
     find_exit,
     find_first,
 )
+from pcsg.trace.small import ENTRY, HEADER
 from pcsg.trace.surface import Surface, describe_hit
 from pcsg.vec import IDENTITY, Ray, compose, load_affine, transform_ray
 
@@ -39,20 +41,23 @@ def _describe(
     m = IDENTITY
     ray = world
     flip = 0
-    operation = 0
-    leaf = 0
+    before = 0
     for k in range(paths[HIT_PATH]):
         step = paths[HIT_PATH + 1 + k]
+        if step <= SLOT:
+            entry = trees.targets[before] + HEADER + ENTRY * (SLOT - step)
+            if trees.smalls[entry + 2] == 1:
+                flip = 1 - flip
+            continue
         if step < 0:
-            if step < -1 and trees.operations[operation] == _DIFFERENCE:
+            if step < -1 and trees.operations[trees.targets[before]] == _DIFFERENCE:
                 flip = 1 - flip
             continue
         inverse = load_affine(trees.inverses, 12 * step)
         m = compose(inverse, m)
         ray = transform_ray(inverse, ray)
-        # The target of the last step is a leaf; before an operand it is an operation.
-        operation = trees.targets[step]
-        leaf = trees.targets[step]
+        before = step
+    leaf = trees.targets[before]
     describe_hit(
         out,
         i,

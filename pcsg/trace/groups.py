@@ -17,8 +17,9 @@ from pcsg.graph.operators import UNION, Operator
 from pcsg.graph.states import Combine, LeafItem, LeafStep, OperationStep, StateGraph, StateItem
 from pcsg.vec import IDENTITY, Affine
 
-LEAF, INSTANCE, OPERATION = 2, 1, 3
-"""Kinds of references; 0 is a block of further references."""
+BLOCK, INSTANCE, LEAF, OPERATION, SMALL, EMPTY = 0, 1, 2, 3, 4, 7
+"""Kinds of references. SMALL is an operation as a truth table, BLOCK leads to further references;
+groups themselves have neither."""
 
 
 class Reference(NamedTuple):

@@ -22,10 +22,10 @@ from pcsg.graph.operators import DIFFERENCE
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, ANY, Pool
-from pcsg.trace.blocks import BLOCK
-from pcsg.trace.groups import INSTANCE, LEAF, OPERATION
+from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.merge import tolerance
 from pcsg.trace.simd import count_trailing_zeros, meet_boxes
+from pcsg.trace.small import ENTRY, HEADER, small_crossings
 from pcsg.vec import Ray, load_affine, transform_ray
 
 MISS, HIT, INSIDE, UNDECIDED = 0, 1, 2, -1
@@ -34,8 +34,11 @@ MAX_DEPTH = 120
 """Levels of instances and operations; deeper rays are undecided."""
 
 _STACK = 4_096
-_PATH = MAX_DEPTH + 2
+_PATH = MAX_DEPTH + 4
 _FRAME = 6
+SLOT = -1_000_000
+"""In a path, ``SLOT - k`` stands before the reference of primitive k of a small operation."""
+
 HIT_PATH = _PATH * (MAX_DEPTH + 1)
 T, _ENDS = 4, 8
 _DIFFERENCE = DIFFERENCE.kind
@@ -57,6 +60,8 @@ class Trees(NamedTuple):
     operations : int32
         Operator, number of operands, whether there are sheets below; then the operands' first
         blocks. A reference's target is the index of the first of these.
+    smalls, tables
+        As in `Blocks`.
     """
 
     boxes: NDArray[np.float64]
@@ -66,6 +71,8 @@ class Trees(NamedTuple):
     leaves: NDArray[np.int32]
     args: NDArray[np.float64]
     operations: NDArray[np.int32]
+    smalls: NDArray[np.int32]
+    tables: NDArray[np.uint64]
 
 
 class Scratch(NamedTuple):
@@ -85,6 +92,8 @@ class Scratch(NamedTuple):
         Operations that wait for an operand's answer: place in `operations`, operands done, level,
         and stack base, kept path and stack top of the question that met it; its limit, how far it
         looked, its nearest end, and until where the operation stays as it is.
+    slots : int32
+        Primitives that the crossings of a small operation belong to.
     small : float64
         Where the ray enters the boxes of a block (4), the first hit's t, and from `_ENDS` on the
         crossings of one leaf.
@@ -98,6 +107,7 @@ class Scratch(NamedTuple):
     paths: NDArray[np.int32]
     frames: NDArray[np.int64]
     limits: NDArray[np.float64]
+    slots: NDArray[np.int32]
     small: NDArray[np.float64]
     visits: NDArray[np.int64]
 
@@ -111,6 +121,7 @@ def make_scratch() -> Scratch:
         paths=np.zeros(_PATH * (_PATH + 2), np.int32),
         frames=np.zeros(_FRAME * MAX_DEPTH, np.int64),
         limits=np.zeros(4 * MAX_DEPTH),
+        slots=np.zeros(_ENDS + 64, np.int32),
         small=np.zeros(_ENDS + 64),
         visits=np.zeros(3, np.int64),
     )
@@ -138,14 +149,14 @@ def _planes(ix: float, iy: float, iz: float) -> tuple[np.uint64, np.uint64, np.u
     )
 
 
-@njit
+@njit(inline=True)
 def _store_ray(rays: NDArray[np.float64], level: int, ray: Ray) -> None:
     at = 6 * level
     for k in range(6):
         rays[at + k] = ray[k]
 
 
-@njit
+@njit(inline=True)
 def _load_ray(rays: NDArray[np.float64], level: int) -> Ray:
     at = 6 * level
     return Ray(
@@ -160,6 +171,45 @@ def _keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None
     for k in range(level):
         paths[at + 1 + k] = paths[k]
     paths[at + 1 + level] = last
+
+
+@njit(inline=True)
+def _crossings(trees: Trees, pool: Pool, scratch: Scratch, kind: int, index: int, ray: Ray) -> int:
+    """Write the crossings of a leaf or a small operation to `Scratch.small` from `_ENDS` on."""
+    inner = transform_ray(load_affine(trees.inverses, 12 * index), ray)
+    target = _wide(trees.targets[index])
+    if kind == LEAF:
+        solid, args_at = trees.leaves[4 * target], trees.leaves[4 * target + 1]
+        n: int = leaf_crossings(solid, inner, ALL, trees.args, args_at, pool, scratch.small, _ENDS)
+        return n
+    return small_crossings(
+        trees.smalls,
+        trees.tables,
+        trees.inverses,
+        trees.leaves,
+        trees.args,
+        pool,
+        target,
+        inner,
+        scratch.small,
+        _ENDS,
+        scratch.slots,
+    )
+
+
+@njit
+def _keep_surface(
+    trees: Trees, scratch: Scratch, level: int, kind: int, index: int, k: int, at: int
+) -> None:
+    """Keep the path to the surface that crossing k belongs to."""
+    paths = scratch.paths
+    _keep_path(paths, level, index, at)
+    if kind == SMALL:
+        slot = scratch.slots[k - _ENDS]
+        paths[at] = level + 3
+        paths[at + 2 + level] = SLOT - slot
+        entry = trees.targets[index] + HEADER + ENTRY * slot
+        paths[at + 3 + level] = trees.smalls[entry]
 
 
 @njit
@@ -193,7 +243,7 @@ def _precedes(paths: NDArray[np.int32], a: int, b: int) -> bool:
     return False
 
 
-@njit
+@njit(inline=True)
 def _push(
     refs: NDArray[np.int32],
     block: int,
@@ -325,19 +375,15 @@ def _ask(
                 found = True
                 code, top = _push(trees.refs, block, met, small, entry_t, entry_ref, present, top)
                 at_level = present
-        elif kind == LEAF:
-            inner = _load_ray(rays, at_level)
-            inner = transform_ray(load_affine(trees.inverses, 12 * index), inner)
-            target = trees.targets[index]
+        elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
-            solid, args_at = trees.leaves[4 * target], trees.leaves[4 * target + 1]
-            n = leaf_crossings(solid, inner, ALL, trees.args, args_at, pool, small, _ENDS)
+            n = _crossings(trees, pool, scratch, kind, index, _load_ray(rays, at_level))
             for k in range(_ENDS, n, 2):
                 lo, hi = small[k], small[k + 1]
                 if hi <= beyond or hi <= lo:
                     continue
                 if lo <= beyond:
-                    _keep_path(paths, at_level, index, kept)
+                    _keep_surface(trees, scratch, at_level, kind, index, k + 1, kept)
                     state = 1
                     u = hi
                     returns = True
@@ -348,7 +394,7 @@ def _ask(
                 ):
                     nearest = lo
                     far = min(limit, nearest + e)
-                    _keep_path(paths, at_level, index, kept)
+                    _keep_surface(trees, scratch, at_level, kind, index, k, kept)
                 break
         elif kind == OPERATION:
             # Its first operand is asked next; a frame waits for the answer.
@@ -523,16 +569,12 @@ def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int,
                 found = True
                 code, top = _push(trees.refs, block, met, small, entry_t, entry_ref, present, top)
                 at_level = present
-        elif kind == LEAF:
-            inner = _load_ray(rays, at_level)
-            inner = transform_ray(load_affine(trees.inverses, 12 * index), inner)
-            target = trees.targets[index]
+        elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
-            solid, args_at = trees.leaves[4 * target], trees.leaves[4 * target + 1]
-            n = leaf_crossings(solid, inner, ALL, trees.args, args_at, pool, small, _ENDS)
+            n = _crossings(trees, pool, scratch, kind, index, _load_ray(rays, at_level))
             for k in range(_ENDS, n, 2):
                 lo, hi = small[k], small[k + 1]
-                if trees.leaves[4 * target + 2] == 1:
+                if kind == LEAF and trees.leaves[4 * trees.targets[index] + 2] == 1:
                     if lo < world.tmin:
                         continue
                 elif hi < near or hi <= lo:
@@ -550,7 +592,7 @@ def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int,
                     hit = HIT
                     best = lo
                     far = min(world.tmax, best + e)
-                    _keep_path(paths, at_level, index, HIT_PATH)
+                    _keep_surface(trees, scratch, at_level, kind, index, k, HIT_PATH)
                 break
         elif kind == OPERATION:
             ray = _load_ray(rays, at_level)

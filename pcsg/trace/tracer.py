@@ -51,8 +51,7 @@ class StatesTracer:
         self.threads = threads or count_processors()
         self._make_walker = walker
         self._lock = threading.Lock()
-        b = self.blocks
-        self._trees = Trees(b.boxes, b.refs, b.inverses, b.targets, b.leaves, b.args, b.operations)
+        self._trees = Trees(*(getattr(self.blocks, name) for name in Trees._fields))
         self._pool: Pool = (np.zeros(1), np.zeros(1, np.float32), np.zeros(1, np.int32))
         self._local = threading.local()
 

@@ -1,0 +1,183 @@
+"""Small operations as truth tables.
+
+An operation over at most six primitives needs no questions: the crossings of all of them are
+sorted, and a table of 64 bits tells for every set of primitives that a point is in whether it is
+in the result. Leaves of trees are of this kind.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.graph.code import compose_affine
+from pcsg.graph.operators import DIFFERENCE
+from pcsg.jit import njit
+from pcsg.leaf.dispatch import leaf_crossings
+from pcsg.leaf.registry import ALL, Pool
+from pcsg.trace.groups import INSTANCE, LEAF, Groups
+from pcsg.trace.merge import tolerance
+from pcsg.vec import IDENTITY, Affine, Ray, load_affine, transform_ray
+
+MAX_PRIMITIVES = 6
+
+HEADER, ENTRY = 3, 3
+"""Entries of a small operation's record: number of primitives, number of its table, and which
+primitives every point of it is in; then for each primitive its reference, its leaf record and
+whether it is flipped."""
+
+
+class Primitive(NamedTuple):
+    """A primitive of a small operation, in the operation's frame."""
+
+    record: int
+    operation_from_leaf: Affine
+    flipped: bool
+
+
+class SmallOperation(NamedTuple):
+    """An operation over a few primitives.
+
+    Attributes
+    ----------
+    primitives
+        In the order of the text.
+    table
+        Bit m tells whether a point is in the result that is in the primitives of set m.
+    required
+        The primitives that every point of the result is in, as bits.
+    """
+
+    primitives: tuple[Primitive, ...]
+    table: int
+    required: int
+
+
+def flatten_operation(groups: Groups, operation: int) -> SmallOperation | None:
+    """Return an operation as a truth table, None where it is too large or has instances."""
+    primitives: list[Primitive] = []
+    table = _flatten(groups, operation, IDENTITY, False, primitives)
+    if table is None:
+        return None
+    sets = 1 << len(primitives)
+    bits = sum(1 << m for m in range(sets) if table[m])
+    required = sum(
+        1 << j
+        for j in range(len(primitives))
+        if not any(table[m] for m in range(sets) if not m >> j & 1)
+    )
+    return SmallOperation(tuple(primitives), bits, required)
+
+
+_ALL_SETS = np.arange(1 << MAX_PRIMITIVES)
+
+
+def _flatten(
+    groups: Groups, operation: int, frame: Affine, flipped: bool, primitives: list[Primitive]
+) -> NDArray[np.bool_] | None:
+    """Append the primitives of an operation and return its truth over all sets of them."""
+    record = groups.operations[operation]
+    result: NDArray[np.bool_] | None = None
+    for k, operand in enumerate(record.operands):
+        flips = flipped != (record.operator is DIFFERENCE and k > 0)
+        union = np.zeros(len(_ALL_SETS), np.bool_)
+        for r in groups.groups[operand]:
+            m = compose_affine(frame, r.group_from_target)
+            if r.kind == INSTANCE or len(primitives) == MAX_PRIMITIVES:
+                return None
+            if r.kind == LEAF:
+                union |= (_ALL_SETS >> len(primitives) & 1).astype(np.bool_)
+                primitives.append(Primitive(r.target, m, flips))
+            else:
+                # Depth is bounded by the number of primitives: every operation has two operands.
+                inner = _flatten(groups, r.target, m, flips, primitives)
+                if inner is None:
+                    return None
+                union |= inner
+        if result is None:
+            result = union
+        else:
+            sets = 2 * result.astype(int) + union
+            result = (record.operator.table >> sets & 1).astype(np.bool_)
+    return result
+
+
+@njit(contract=True)
+def small_crossings(
+    smalls: NDArray[np.int32],
+    tables: NDArray[np.uint64],
+    inverses: NDArray[np.float64],
+    leaves: NDArray[np.int32],
+    args: NDArray[np.float64],
+    pool: Pool,
+    at: int,
+    ray: Ray,
+    ends: NDArray[np.float64],
+    begin: int,
+    slots: NDArray[np.int32],
+) -> int:
+    """Write where a ray enters and leaves a small operation.
+
+    Parameters
+    ----------
+    at
+        Where its record begins in `smalls`.
+    ends, begin
+        Receives the crossings from `begin` on; used beyond them as working space.
+    slots
+        Receives the primitive that every crossing belongs to.
+
+    Returns
+    -------
+    int
+        End of the crossings in `ends`.
+    """
+    count = smalls[at]
+    table = tables[smalls[at + 1]]
+    required = smalls[at + 2]
+    events = begin
+    scratch = len(ends) - 8
+    for j in range(count):
+        entry = at + HEADER + ENTRY * j
+        local = transform_ray(load_affine(inverses, 12 * smalls[entry]), ray)
+        leaf = 4 * smalls[entry + 1]
+        n = leaf_crossings(leaves[leaf], local, ALL, args, leaves[leaf + 1], pool, ends, scratch)
+        if n == scratch and (required >> j) & 1:
+            return begin
+        for k in range(scratch, n):
+            # Insertion by t; equal ends keep the order of the text.
+            t = ends[k]
+            p = events
+            while p > begin and ends[p - 1] > t:
+                ends[p] = ends[p - 1]
+                slots[p - begin] = slots[p - 1 - begin]
+                p -= 1
+            ends[p] = t
+            slots[p - begin] = j
+            events += 1
+    inside = np.uint64(0)
+    was = np.uint64(0)
+    one = np.uint64(1)
+    out = begin
+    k = begin
+    while k < events:
+        # What coincides is one event, at the place of the primitive that stands first.
+        t = ends[k]
+        first = slots[k - begin]
+        reach = t + tolerance(t)
+        while k < events and ends[k] <= reach:
+            j = slots[k - begin]
+            inside ^= one << np.uint64(j)
+            if j < first:
+                first = j
+                t = ends[k]
+            k += 1
+        now = (table >> inside) & one
+        if now != was:
+            ends[out] = t
+            slots[out - begin] = first
+            out += 1
+            was = now
+    return out
