@@ -28,7 +28,9 @@ def blocks(kind: str, text: str = README) -> list[str]:
 
 
 def commands(text: str) -> list[list[str]]:
-    lines = [shlex.split(line, comments=True) for b in blocks("sh", text) for line in b.splitlines()]
+    lines = [
+        shlex.split(line, comments=True) for b in blocks("sh", text) for line in b.splitlines()
+    ]
     return [words[1:] for words in lines if words and words[0] == "pcsg"]
 
 
@@ -60,7 +62,7 @@ def test_python_of_the_readme_runs(code: str, checkout: Path) -> None:
         # Along a ray from outside the first hit is the first end of the first span.
         first = spans.t_in[spans.offsets[:-1][hits.mask]]
         assert first == pytest.approx(hits.t[hits.mask])
-        assert (shadow == (hits.t <= 2.5)).all()  # type: ignore[comparison-overlap]
+        assert (shadow == (hits.t <= 2.5)).all()
         assert list(known["inside"]) == [True, False]  # type: ignore[call-overload]
     else:
         scene = known["scene"]

@@ -74,7 +74,7 @@ def test_grammars_load_without_a_word_and_come_back_from_text(name: str) -> None
 @pytest.mark.parametrize(
     ("name", "count"),
     [
-        ("tree", 217_090),
+        ("tree", 557_058),
         ("sierpinski", 4**6),
         ("sierpinski-pl", 4**6),
         ("leaf", 5 + 3),
