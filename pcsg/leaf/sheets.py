@@ -18,6 +18,9 @@ ROUNDING = 1e-15
 """What rounding may move a point of the plane z = 0, per distance of the origin: far triangles,
 and those seen edge-on, reach farther over their edges by it."""
 
+MOST = 1e-2
+"""Never more than this: a ray almost in the plane is not let in from far beside the triangle."""
+
 FAR = 1.0 + 2.0 * EDGE
 
 
@@ -30,7 +33,8 @@ def triangle_crossing(ray: Ray, sign: float, t: Array, n: int) -> int:
     s = (0.0 - ray.oz) * inv
     u, v = sign * (ray.ox + s * ray.dx), sign * (ray.oy + s * ray.dy)
     spread = (abs(ray.dx) + abs(ray.dy) + abs(ray.dz)) * abs(inv)
-    edge = EDGE + ROUNDING * (abs(ray.ox) + abs(ray.oy) + abs(ray.oz)) * spread
+    reach = ROUNDING * (abs(ray.ox) + abs(ray.oy) + abs(ray.oz)) * spread
+    edge = min(EDGE + reach, MOST)
     if u >= -edge and v >= -edge and u + v <= 1.0 + edge:
         t[n], t[n + 1] = s, s
         return n + 2

@@ -133,7 +133,8 @@ class _Packer:
             self.kind[k] = SELECTION
             rules = range(1, max(node.rules, default=0) + 1)
             targets = [number[node.rules[r]] if r in node.rules else -1 for r in rules]
-            select = node.select if node.select is not None else as_expr(1.0)
+            # Without a selection function there is one rule, whatever its number.
+            select = node.select if node.select is not None else as_expr(max(node.rules))
             self.code_at[k] = self.program.add([select])
         elif isinstance(node, Calculation):
             self.kind[k] = CALCULATION

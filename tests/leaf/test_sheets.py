@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit
 
-from pcsg.jit import njit
 from pcsg.leaf.registry import LEAVES
 from pcsg.leaf.sheets import triangle_crossing
 from pcsg.vec import Affine, Ray, compose, transform_ray
@@ -105,3 +105,8 @@ def test_boxes_include_the_tolerance(name: str) -> None:
             for d in ((1.0, 0.0, 0.0), (-1.0, 0.3, 0.0), (0.7, 0.7, 0.0), (0.0, -1.0, 2.0)):
                 assert x * d[0] + y * d[1] <= solid.support(d, ()) + 1e-14
     assert 500 < met < 2500
+
+
+def test_a_ray_almost_in_the_plane_does_not_hit_beside_the_triangle() -> None:
+    ray = Ray(0.0, 3.0, 0.0, 0.0, -1.0, 6e-95, 0.0, math.inf)
+    assert triangle_crossing(ray, 1.0, np.zeros(8), 0) == 0
