@@ -25,6 +25,9 @@ from pcsg.trace.hits import Hits, Spans
 from pcsg.trace.tracer import Engine, StatesTracer
 from pcsg.trace.walker import Walker
 
+UNROLL_BUDGET = 16_000
+"""States that are unrolled for the faster engine: seconds of preparation at the most."""
+
 
 def load(
     path: str | Path,
@@ -154,7 +157,7 @@ class Scene:
     @cached_property
     def states(self) -> StateGraph:
         """The graph unrolled over its states, as far as the budget goes."""
-        return enumerate_states(self.graph, self.values)
+        return enumerate_states(self.graph, self.values, UNROLL_BUDGET)
 
     @cached_property
     def boxes(self) -> HyperBoxes:
