@@ -136,27 +136,23 @@ class _Builder:
         self.first_block: dict[int, int] = {}
         self.smalls: list[int] = []
         self.tables: list[int] = []
-        sheets = self._sheets()
-        self.small_at: dict[int, int] = {}
-        for k in range(len(groups.operations)):
-            small = None if sheets[k] else flatten_operation(groups, k)
-            if small is not None:
-                self.small_at[k] = self._emit_small(small)
+        self.sheets = self._sheets()
+        self.small_at: dict[int, int | None] = {}
+        self.wanted: list[int] = []  # groups that references lead to
         self.limit = min(OPEN_GROUP, OPEN_TOTAL // max(1, len(groups.groups)))
 
     def build(self) -> Blocks:
-        groups = self.groups
-        todo = [groups.root] if groups.root >= 0 else []
-        todo += [g for op in groups.operations for g in op.operands]
-        while todo:
-            g = todo.pop()
+        root = self.groups.root
+        if root < 0:
+            self._emit_block([], {})
+        else:
+            self.wanted.append(root)
+        while self.wanted:
+            g = self.wanted.pop()
             if g not in self.first_block:
                 self.first_block[g] = self._build_group(g)
-                todo += [target for _, target in self.pending if target not in self.first_block]
         for reference, g in self.pending:
             self.targets[reference] = self.first_block[g]
-        if groups.root < 0:
-            self._emit_block([], {})
         return self._arrays()
 
     def _build_group(self, g: int) -> int:
@@ -209,12 +205,22 @@ class _Builder:
         self.targets.append(r.target)
         if r.kind == INSTANCE:
             self.pending.append((n, r.target))
+            self.wanted.append(r.target)
         elif r.kind == OPERATION:
-            if r.target in self.small_at:
-                self.targets[n] = self.small_at[r.target]
+            small_at = self._place_small(r.target)
+            if small_at is not None:
+                self.targets[n] = small_at
                 return n << 3 | SMALL
             self.of_operations.append(n)
+            self.wanted += self.groups.operations[r.target].operands
         return n << 3 | r.kind
+
+    def _place_small(self, operation: int) -> int | None:
+        """Return where an operation's record as a small one begins, None if it is not small."""
+        if operation not in self.small_at:
+            small = None if self.sheets[operation] else flatten_operation(self.groups, operation)
+            self.small_at[operation] = None if small is None else self._emit_small(small)
+        return self.small_at[operation]
 
     def _emit_small(self, small: SmallOperation) -> int:
         """Append a small operation and return where its record begins."""
@@ -281,13 +287,15 @@ class _Builder:
                 for value, default in zip(record.attributes, ATTRIBUTE_DEFAULTS, strict=True)
             )
         operations: list[int] = []
-        begins: list[int] = []
-        for op, has_sheets in zip(self.groups.operations, self._sheets(), strict=True):
-            begins.append(len(operations))
-            operations += [op.operator.kind, len(op.operands), int(has_sheets)]
-            operations += [self.first_block[g] for g in op.operands]
+        begins: dict[int, int] = {}
         for reference in self.of_operations:
-            self.targets[reference] = begins[self.targets[reference]]
+            k = self.targets[reference]
+            if k not in begins:
+                begins[k] = len(operations)
+                op = self.groups.operations[k]
+                operations += [op.operator.kind, len(op.operands), int(self.sheets[k])]
+                operations += [self.first_block[g] for g in op.operands]
+            self.targets[reference] = begins[k]
         return Blocks(
             boxes=np.concatenate(self.boxes),
             refs=np.array(self.refs, np.int32).ravel(),
@@ -371,5 +379,6 @@ def _split(
 def _running_areas(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     lower = np.minimum.accumulate(boxes[:, :3])
     size = np.maximum.accumulate(boxes[:, 3:]) - lower
-    areas: NDArray[np.float64] = (size * np.roll(size, 1, axis=1)).sum(axis=1)
+    x, y, z = size.T
+    areas: NDArray[np.float64] = x * y + y * z + z * x
     return areas

@@ -482,10 +482,61 @@ def _ask(
                 state = 1
                 u = until
                 _copy_path(paths, own, kept)
-            elif until < nearest:
-                nearest = until
-                far = min(limit, nearest)
-                _copy_path(paths, own, kept)
+            else:
+                e = tolerance(until)
+                if until < nearest - e or (until <= nearest + e and _precedes(paths, own, kept)):
+                    nearest = until
+                    far = min(limit, nearest + e)
+                    _copy_path(paths, own, kept)
+
+
+@njit
+def _is_subtracted(trees: Trees, paths: NDArray[np.int32], at: int) -> bool:
+    """Return whether a kept path leads through an odd number of subtracted operands."""
+    odd = False
+    for k in range(2, paths[at] + 1):
+        step = paths[at + k]
+        if SLOT < step < -1:
+            operation = trees.targets[paths[at + k - 1]]
+            odd = odd != (trees.operations[operation] == _DIFFERENCE)
+    return odd
+
+
+@njit(contract=True)
+def _settle_exit(
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    code: int,
+    ray: Ray,
+    t: float,
+    base: int,
+    level: int,
+    state: int,
+) -> tuple[bool, float]:
+    """Find which of the leaves that end within rounding of t stands first in the text.
+
+    A question takes the end of any leaf that covers its place; where leaves begin it takes the
+    first in the text. So this asks from behind t, along the reversed ray.
+
+    Parameters
+    ----------
+    code, base, level
+        As for `_ask`.
+    state
+        1 if the solid is there behind t, else 0.
+
+    Returns
+    -------
+    bool, t
+        Whether the answer is sure, and where that leaf ends; the path kept for `level` leads to it.
+    """
+    e = tolerance(t)
+    back = Ray(ray.ox, ray.oy, ray.oz, -ray.dx, -ray.dy, -ray.dz, 0.0, 0.0)
+    at, limit = -t - 2.0 * e, -t + 3.0 * e
+    there, u = _ask(trees, pool, scratch, code, back, at, limit, base, level)
+    subtracted = _is_subtracted(trees, scratch.paths, _PATH * (level + 1))
+    return there == state and u <= -t + 2.0 * e and subtracted == (state == 1), -u
 
 
 @njit(contract=True)
@@ -608,6 +659,11 @@ def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int,
                 state, u = _ask(trees, pool, scratch, code, ray, t, far, top, at_level)
                 if state == UNDECIDED:
                     return UNDECIDED
+                if state == 1 and _is_subtracted(trees, paths, held):
+                    sure, t = _settle_exit(trees, pool, scratch, code, ray, t, top, at_level, 1)
+                    if not sure:
+                        return UNDECIDED
+                    _copy_path(paths, _PATH * (at_level + 1), held)
                 e = tolerance(t)
                 if state == 1 and (
                     hit == MISS
@@ -655,5 +711,12 @@ def find_exit(trees: Trees, pool: Pool, scratch: Scratch, root: int, world: Ray)
         state, u = _ask(trees, pool, scratch, code, world, t, world.tmax, 0, 0)
     if state == UNDECIDED:
         return UNDECIDED
+    if state == 1:
+        return MISS
+    if not _is_subtracted(trees, paths, HIT_PATH):
+        sure, t = _settle_exit(trees, pool, scratch, code, world, t, 0, 0, 0)
+        if not sure or t > world.tmax:
+            return UNDECIDED
+        _copy_path(paths, _PATH, HIT_PATH)
     scratch.small[T] = t
-    return HIT if state == 0 else MISS
+    return HIT

@@ -1,9 +1,9 @@
-"""What it means that the walker and the oracle agree on rays."""
+"""What it means that an engine and the oracle agree on rays."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -12,10 +12,26 @@ import oracle
 import strategies as cases
 from oracle import Event
 
-from pcsg.graph.graph import Graph
+from pcsg.graph.graph import GLOBALS, Graph
+from pcsg.graph.states import enumerate_states
+from pcsg.trace.tracer import StatesTracer
 from pcsg.trace.walker import Walker
 
 Ray = tuple[Sequence[float], Sequence[float]]
+Tracer = Walker | StatesTracer
+Make = Callable[..., Tracer]
+
+
+def make_states(
+    graph: Graph, values: Mapping[str, float] = GLOBALS, *, threads: int | None = None
+) -> StatesTracer:
+    """Return the engine of states; a graph that it cannot take is a mistake of the test."""
+    states = enumerate_states(graph, values)
+    assert states.finite and states.acyclic and not states.diagnostics
+    return StatesTracer(graph, states, lambda: Walker(graph, values, threads=threads), threads)
+
+
+ENGINES: dict[str, Make] = {"cyclic": Walker, "states": make_states}
 
 LIMITS = (0.0, math.inf)
 SAME = 1e-9
@@ -24,9 +40,9 @@ _TURNS = np.concatenate([_TURNS, -_TURNS])
 HAIR = 1e-8
 
 
-def cast(walker: Walker, rays: Sequence[Ray], *limits: float) -> Any:
-    """Return the walker's hits."""
-    return walker.intersect(
+def cast(tracer: Tracer, rays: Sequence[Ray], *limits: float) -> Any:
+    """Return the hits of an engine."""
+    return tracer.intersect(
         np.array([o for o, _ in rays]), np.array([d for _, d in rays]), *(limits or LIMITS)
     )
 
@@ -47,7 +63,7 @@ def nearby(ray: Ray) -> Iterator[Ray]:
 
 
 class Judge:
-    """Compares what the walker found for the rays of one graph with the oracle.
+    """Compares what an engine found for the rays of one graph with the oracle.
 
     Attributes
     ----------
@@ -55,9 +71,9 @@ class Judge:
         Answers that are the oracle's only for a ray a hair beside.
     """
 
-    def __init__(self, walker: Walker, **options: Any) -> None:
-        self.walker = walker
-        graph = walker.graph
+    def __init__(self, tracer: Tracer, graph: Graph, **options: Any) -> None:
+        self.tracer = tracer
+        self.graph = graph
         self.forgiven = 0
         self.events = cache(lambda o, d: oracle.events(graph, o, d, **options))
 
@@ -100,12 +116,12 @@ class Judge:
         assert min(ts) - slack <= t <= max(ts) + slack, ("another place", ray, expected, t)
 
     def is_sliver(self, ray: Ray, t: float) -> bool:
-        """Return whether the walker's piece at t is thinner than the tolerance.
+        """Return whether the engine's piece at t is thinner than the tolerance.
 
         Where a ray touches a corner, rounding may leave a piece of one ulp. If it is a piece of A,
         then A - A keeps it: of A a group takes what is exactly at t, of B what is within eps.
         """
-        found = self.walker.spans([ray[0]], [ray[1]])
+        found = self.tracer.spans([ray[0]], [ray[1]])
         width = 4.0 * oracle.tolerance(t)
         return any(
             a - width <= t <= b + width and a < b <= a + width
@@ -143,14 +159,14 @@ class Judge:
         """Return a graph for every place of a leaf, or of all leaves."""
         return [
             Graph(cases.prefix("matrix", *sum(leaf.frame, ())) * cases.solid(leaf.name, *leaf.args))
-            for leaf in oracle.leaves(self.walker.graph)
+            for leaf in oracle.leaves(self.graph)
             if number is None or leaf.number == number
         ]
 
     def glides(self, ray: Ray) -> bool:
         """Return whether a ray runs along a surface, so that rounding may end it anywhere."""
         o, d = np.array(ray[0]), np.array(ray[1])
-        for leaf in oracle.leaves(self.walker.graph):
+        for leaf in oracle.leaves(self.graph):
             linear, shift = np.array(leaf.frame)[:, :3], np.array(leaf.frame)[:, 3]
             local_o, local_d = np.linalg.solve(linear, np.array([o - shift, d]).T).T
             planes = oracle._PLANES.get(leaf.name, [])
