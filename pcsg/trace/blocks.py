@@ -3,7 +3,7 @@
 Every group is opened: its largest instances are replaced by their references until there are
 about 64 (1,000 for the root), and a tree of blocks of four boxes is built over those. Cyclic
 interpretation, the graph of states and opened cuts are one design with one knob, and more than
-this no longer helps (``docs/performance.md``).
+this no longer helps.
 """
 
 from __future__ import annotations

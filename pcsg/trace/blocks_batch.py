@@ -7,20 +7,11 @@ from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.jit import njit
-from pcsg.leaf.registry import Pool
-from pcsg.trace.kernel import (
-    HIT,
-    HIT_PATH,
-    INSIDE,
-    SLOT,
-    Scratch,
-    T,
-    Trees,
-    find_exit,
-    find_first,
-)
+from pcsg.leaf.registry import ANY, Pool
+from pcsg.trace.kernel import find_exit, find_first
 from pcsg.trace.small import ENTRY, HEADER
 from pcsg.trace.surface import Surface, describe_hit
+from pcsg.trace.traversal import HIT, HIT_PATH, INSIDE, SLOT, UNDECIDED, Scratch, T, Trees
 from pcsg.vec import IDENTITY, Ray, compose, load_affine, transform_ray
 
 _DIFFERENCE = DIFFERENCE.kind
@@ -118,7 +109,9 @@ def find_batch(
         )
         result = find_first(trees, pool, scratch, root, want, ray)
         if result == INSIDE:
-            result = find_exit(trees, pool, scratch, root, ray)
+            # Whether it gets out is a question; through which of coinciding faces, only lists say.
+            leaves = want == ANY
+            result = find_exit(trees, pool, scratch, root, ray) if leaves else UNDECIDED
         found[i] = result
         if result == HIT and describe:
             _describe(trees, pool, scratch, attributes, ray, i, surface)

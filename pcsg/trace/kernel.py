@@ -148,6 +148,8 @@ def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int,
                     return UNDECIDED
                 if state == 1 and is_subtracted(trees, paths, held):
                     sure, t = settle_exit(trees, pool, scratch, code, ray, t, top, at_level, 1)
+                    # The question has left the reversed ray there.
+                    store_ray(rays, at_level, ray)
                     if not sure:
                         return UNDECIDED
                     copy_path(paths, PATH * (at_level + 1), held)

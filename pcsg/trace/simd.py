@@ -1,7 +1,7 @@
 """Four boxes against one ray, in vector registers.
 
 The one place where kernels are not plain Python: a loop over four boxes costs 1.5 to 2 times as
-much (``docs/performance.md``).
+much.
 """
 
 from __future__ import annotations

@@ -163,21 +163,30 @@ def small_crossings(
     out = begin
     k = begin
     while k < events:
-        # What coincides is one event, at the place of the primitive that stands first.
-        t = ends[k]
-        first = slots[k - begin]
-        reach = t + tolerance(t)
+        # What coincides is one event.
+        group = k
+        reach = ends[k] + tolerance(ends[k])
         while k < events and ends[k] <= reach:
-            j = slots[k - begin]
-            inside ^= one << np.uint64(j)
-            if j < first:
-                first = j
-                t = ends[k]
+            inside ^= one << np.uint64(slots[k - begin])
             k += 1
         now = (table >> inside) & one
         if now != was:
-            ends[out] = t
-            slots[out - begin] = first
+            # It belongs to the primitive that stands first of those without which the result
+            # would differ before or behind: what another one covers has no end of its own.
+            before = inside
+            for e in range(group, k):
+                before ^= one << np.uint64(slots[e - begin])
+            chosen = group
+            first = count
+            for e in range(group, k):
+                j = slots[e - begin]
+                bit = one << np.uint64(j)
+                shows = (table >> (before ^ bit)) & one != was
+                shows |= (table >> (inside ^ bit)) & one != now
+                if shows and j < first:
+                    first = j
+                    chosen = e
+            ends[out], slots[out - begin] = ends[chosen], slots[chosen - begin]
             out += 1
             was = now
     return out

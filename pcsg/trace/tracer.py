@@ -17,9 +17,9 @@ from pcsg.leaf.registry import ANY, FIRST, Pool
 from pcsg.trace.blocks import Blocks, build_blocks
 from pcsg.trace.blocks_batch import find_batch
 from pcsg.trace.hits import Hits, Spans
-from pcsg.trace.kernel import HIT, UNDECIDED, Scratch, Trees, make_scratch
 from pcsg.trace.rays import Rays, check_rays, count_processors, run_chunks
 from pcsg.trace.surface import Surface, make_surface
+from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, Trees, make_scratch
 from pcsg.trace.walker import Walker
 
 Engine = Literal["auto", "cyclic", "states"]

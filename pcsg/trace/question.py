@@ -1,0 +1,284 @@
+"""The stateless question to a solid: is it there at t, and until where, at least.
+
+Section 4 of the design of speed: a union answers with the first leaf that covers t, and its end,
+else with the nearest entry. An intersection is outside while one operand is; a difference is its
+first operand and none of the others. The caller steps from answer to answer. Every question is an
+ordinary ordered walk: no lists, no allocation, no limit; operations may stand anywhere. Nested
+questions wait in frames of an explicit stack.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.graph.operators import DIFFERENCE
+from pcsg.jit import njit
+from pcsg.leaf.registry import Pool
+from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
+from pcsg.trace.merge import tolerance
+from pcsg.trace.traversal import (
+    ENDS,
+    FRAME,
+    MAX_DEPTH,
+    NONE,
+    PATH,
+    SLOT,
+    STACK,
+    UNDECIDED,
+    Scratch,
+    Trees,
+    comes_first,
+    copy_path,
+    cross_reference,
+    keep_surface,
+    load_ray,
+    make_slabs,
+    meet_block,
+    precedes,
+    push_references,
+    store_ray,
+    wide,
+)
+from pcsg.vec import Ray, load_affine, transform_ray
+
+_DIFFERENCE = DIFFERENCE.kind
+
+
+@njit(contract=True)
+def ask(
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    code: int,
+    ray: Ray,
+    t: float,
+    limit: float,
+    base: int,
+    level: int,
+) -> tuple[int, float]:
+    """Ask whether the union of what a reference leads to is there at t, and until where.
+
+    Parameters
+    ----------
+    code
+        A block or an operation, in the ray's frame.
+    limit
+        Nothing beyond is of interest.
+    base, level
+        Where the free parts of the stack and of the levels begin.
+
+    Returns
+    -------
+    state, u
+        1 inside, 0 outside or `UNDECIDED`; it stays so on (t, u) at least. Infinite where nothing
+        happens up to the limit. The path kept for `level` leads to the end u.
+    """
+    entry_t, entry_ref, rays = scratch.entry_t, scratch.entry_ref, scratch.rays
+    paths, small, frames, limits = scratch.paths, scratch.small, scratch.frames, scratch.limits
+    if level + 4 >= MAX_DEPTH or base >= STACK - 64:
+        return UNDECIDED, t
+    beyond = t + tolerance(t)
+    frame = 0
+    kept = PATH * (level + 1)
+    paths[kept] = 0
+    nearest = math.inf
+    far = limit
+    top = base
+    present = -1
+    at_level = level
+    slabs = make_slabs(ray)
+    store_ray(rays, level, ray)
+    while True:
+        kind = code & 7
+        index = code >> 3
+        found = False
+        returns = False
+        state = 0
+        u = nearest
+        if kind <= INSTANCE:
+            block = index
+            if kind == INSTANCE or at_level != present:
+                ray = load_ray(rays, at_level)
+                present = at_level
+                if kind == INSTANCE:
+                    if at_level + 4 >= MAX_DEPTH:
+                        return UNDECIDED, t
+                    paths[at_level] = index
+                    ray = transform_ray(load_affine(trees.inverses, 12 * index), ray)
+                    present = at_level + 1
+                    store_ray(rays, present, ray)
+                    block = wide(trees.targets[index])
+                    scratch.visits[1] += 1
+                slabs = make_slabs(ray)
+            scratch.visits[0] += 1
+            met = meet_block(trees.boxes, block, slabs, t, far, small)
+            if met != NONE:
+                if top >= STACK - 8:
+                    return UNDECIDED, t
+                found = True
+                code, top = push_references(
+                    trees.refs, block, met, small, entry_t, entry_ref, present, top
+                )
+                at_level = present
+        elif kind in (LEAF, SMALL):
+            scratch.visits[2] += 1
+            n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level))
+            for k in range(ENDS, n, 2):
+                lo, hi = small[k], small[k + 1]
+                if hi <= beyond or hi <= lo:
+                    continue
+                if lo <= beyond:
+                    keep_surface(trees, scratch, at_level, kind, index, k + 1, kept)
+                    state = 1
+                    u = hi
+                    returns = True
+                    break
+                e = tolerance(lo)
+                if lo < nearest - e or (
+                    lo <= nearest + e and comes_first(paths, at_level, index, kept)
+                ):
+                    nearest = lo
+                    far = min(limit, nearest + e)
+                    keep_surface(trees, scratch, at_level, kind, index, k, kept)
+                break
+        elif kind == OPERATION:
+            # Its first operand is asked next; a frame waits for the answer.
+            target = wide(trees.targets[index])
+            if trees.operations[target + 2] == 1 or at_level + 6 >= MAX_DEPTH:
+                return UNDECIDED, t
+            inner = load_ray(rays, at_level)
+            inner = transform_ray(load_affine(trees.inverses, 12 * index), inner)
+            paths[at_level] = index
+            paths[at_level + 1] = -1
+            at = FRAME * frame
+            frames[at], frames[at + 1], frames[at + 2] = target, 0, at_level
+            frames[at + 3], frames[at + 4], frames[at + 5] = base, kept, top
+            at = 4 * frame
+            limits[at], limits[at + 1], limits[at + 2], limits[at + 3] = (
+                limit,
+                far,
+                nearest,
+                math.inf,
+            )
+            frame += 1
+            at_level += 2
+            kept = PATH * (at_level + 1)
+            paths[kept] = 0
+            base = top
+            limit = far
+            nearest = math.inf
+            present = -1
+            store_ray(rays, at_level, inner)
+            code = wide(trees.operations[target + 3]) << 3 | BLOCK
+            continue
+        while not found:
+            if not returns:
+                while top > base:
+                    top -= 1
+                    if entry_t[top] <= far:
+                        code = entry_ref[top] >> 8
+                        at_level = entry_ref[top] & 255
+                        found = True
+                        break
+                if found:
+                    break
+                state = 0
+                u = nearest
+            # A group has answered (state, u): to the caller, or to the operation that asked.
+            if frame == 0:
+                return state, u
+            at = FRAME * (frame - 1)
+            target, done, at_level = frames[at], frames[at + 1] + 1, frames[at + 2]
+            own = PATH * (at_level + 2)
+            far = limits[4 * (frame - 1) + 1]
+            until = limits[4 * (frame - 1) + 3]
+            subtracted = trees.operations[target] == _DIFFERENCE and done > 1
+            # Where nothing happens up to the limit, the operation stays as it is until an operand
+            # before it ends. Where the solid may begin, an end that another leaf goes on beyond
+            # does not count, so of two that coincide it is the one just found.
+            decided = (state == 1) == subtracted
+            e = tolerance(u)
+            if u < until - e or (decided and u <= until + e):
+                until = u
+                copy_path(paths, kept, own)
+            if not decided and done < trees.operations[target + 1]:
+                frames[at + 1] = done
+                limits[4 * (frame - 1) + 3] = until
+                paths[at_level + 1] = -1 - done
+                at_level += 2
+                paths[kept] = 0
+                top = base
+                limit = min(far, until)
+                far = limit
+                nearest = math.inf
+                present = -1
+                code = wide(trees.operations[target + 3 + done]) << 3 | BLOCK
+                found = True
+                break
+            frame -= 1
+            base, kept, top = frames[at + 3], frames[at + 4], frames[at + 5]
+            limit, nearest = limits[4 * frame], limits[4 * frame + 2]
+            present = -1
+            returns = not decided
+            if returns:
+                state = 1
+                u = until
+                copy_path(paths, own, kept)
+            else:
+                e = tolerance(until)
+                if until < nearest - e or (until <= nearest + e and precedes(paths, own, kept)):
+                    nearest = until
+                    far = min(limit, nearest + e)
+                    copy_path(paths, own, kept)
+
+
+@njit
+def is_subtracted(trees: Trees, paths: NDArray[np.int32], at: int) -> bool:
+    """Return whether a kept path leads through an odd number of subtracted operands."""
+    odd = False
+    for k in range(2, paths[at] + 1):
+        step = paths[at + k]
+        if SLOT < step < -1:
+            operation = trees.targets[paths[at + k - 1]]
+            odd = odd != (trees.operations[operation] == _DIFFERENCE)
+    return odd
+
+
+@njit(contract=True)
+def settle_exit(
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    code: int,
+    ray: Ray,
+    t: float,
+    base: int,
+    level: int,
+    state: int,
+) -> tuple[bool, float]:
+    """Find which of the leaves that end within rounding of t stands first in the text.
+
+    A question takes the end of any leaf that covers its place; where leaves begin it takes the
+    first in the text. So this asks from behind t, along the reversed ray.
+
+    Parameters
+    ----------
+    code, base, level
+        As for `ask`.
+    state
+        1 if the solid is there behind t, else 0.
+
+    Returns
+    -------
+    bool, t
+        Whether the answer is sure, and where that leaf ends; the path kept for `level` leads to it.
+    """
+    e = tolerance(t)
+    back = Ray(ray.ox, ray.oy, ray.oz, -ray.dx, -ray.dy, -ray.dz, 0.0, 0.0)
+    at, limit = -t - 2.0 * e, -t + 3.0 * e
+    there, u = ask(trees, pool, scratch, code, back, at, limit, base, level)
+    subtracted = is_subtracted(trees, scratch.paths, PATH * (level + 1))
+    return there == state and u <= -t + 2.0 * e and subtracted == (state == 1), -u
