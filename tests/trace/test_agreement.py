@@ -267,6 +267,18 @@ def test_of_exits_that_coincide_the_first_in_the_text_answers() -> None:
     first(BALL | (node & prefix("uscale", 4) * BOX), (-5, 0, 0.1), (1, 0, 0))
 
 
+def test_what_stands_in_a_hole_is_seen_after_its_bottom() -> None:
+    """The operation with the hole, too large for a table, is entered and so answers first."""
+    hole = move(-4, 0, 0) * prefix("scale", 6, 1, 1) * BOX
+    for k in range(6):
+        hole = hole | move(-4, 0, 0.001 * k) * prefix("scale", 6, 1, 1) * BOX
+    carved = prefix("uscale", 4) * BOX - hole
+    inside = prefix("uscale", 0.5) * (BOX - move(1, 1, 1) * BALL)
+    assert first(carved, (-8, 0, 0.1), (1, 0, 0))[0] == 10.0
+    assert first(carved | inside, (-8, 0, 0.1), (1, 0, 0))[0] == 7.5
+    assert first(inside | carved, (-8, 0, 0.1), (1, 0, 0))[0] == 7.5
+
+
 def test_operations_with_no_room_are_empty() -> None:
     carved = prefix("rotx", 90) * move(3) * BOX - solid("box")
     assert first(BOX & carved, (0, 0, 0), (1, 0, 0)) == (math.inf, -1)
