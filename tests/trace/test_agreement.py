@@ -279,6 +279,36 @@ def test_what_stands_in_a_hole_is_seen_after_its_bottom() -> None:
     assert first(inside | carved, (-8, 0, 0.1), (1, 0, 0))[0] == 7.5
 
 
+def test_operands_that_meet_at_their_second_pieces_only() -> None:
+    """More primitives than a table takes; the first operand ends before the second begins."""
+    pieces = BALL | move(4) * BALL
+    other = move(4) * prefix("uscale", 0.5) * BALL
+    for k in range(4):
+        pieces = pieces | move(0, 9 + k) * BALL
+        other = other | move(4, 9 + k) * BALL
+    for node in (pieces & other, other & pieces, (pieces & other) - move(4, 9) * BOX):
+        assert first(node, (-5, 0, 0), (1, 0, 0))[0] == 8.5
+
+
+def test_engines_agree_on_large_operations() -> None:
+    random = np.random.default_rng(11)
+
+    def tree(depth: int) -> Node:
+        if depth == 0:
+            name = random.choice(["sphere", "box", "cylinder", "cone", "tetrahedron"])
+            turned = prefix("rotx", random.uniform(0, 360)) * solid(str(name))
+            return move(*random.uniform(-1.2, 1.2, 3)) * prefix("uscale", 0.8) * turned
+        a, b = tree(depth - 1), tree(depth - 1)
+        what = random.integers(0, 4)
+        return a & b if what == 0 else a - b if what == 1 else a | b
+
+    hits = 0
+    for k in range(30):
+        rays = random_rays(200, k)
+        hits += (assert_engines_agree(Graph(tree(4 + k % 2)), rays) >= 0).sum()
+    assert hits > 1_000
+
+
 def test_operations_with_no_room_are_empty() -> None:
     carved = prefix("rotx", 90) * move(3) * BOX - solid("box")
     assert first(BOX & carved, (0, 0, 0), (1, 0, 0)) == (math.inf, -1)
