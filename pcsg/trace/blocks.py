@@ -231,6 +231,7 @@ class _Builder:
             self.smalls += [len(self.targets), p.record, int(p.flipped)]
             self.inverses.append(invert_affine(p.operation_from_leaf)[0])
             self.targets.append(p.record)
+        self.smalls += [len(small.program), *small.program]
         return begin
 
     def _build_tree(self, boxes: NDArray[np.float64], codes: list[int]) -> int:

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.code import compose_affine
-from pcsg.graph.operators import DIFFERENCE
+from pcsg.graph.operators import DIFFERENCE, UNION
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, Pool
 from pcsg.trace.groups import INSTANCE, LEAF, Groups
-from pcsg.trace.merge import tolerance
+from pcsg.trace.merge import TABLES, tolerance, truth
 from pcsg.vec import IDENTITY, Affine, Ray, load_affine, transform_ray
 
 MAX_PRIMITIVES = 6
@@ -26,7 +26,10 @@ MAX_PRIMITIVES = 6
 HEADER, ENTRY = 3, 3
 """Entries of a small operation's record: number of primitives, number of its table, and which
 primitives every point of it is in; then for each primitive its reference, its leaf record and
-whether it is flipped."""
+whether it is flipped; then the length of its program, and the program."""
+
+_WORK = 40
+"""Where working space begins in the array that receives the primitives of crossings."""
 
 
 class Primitive(NamedTuple):
@@ -48,17 +51,21 @@ class SmallOperation(NamedTuple):
         Bit m tells whether a point is in the result that is in the primitives of set m.
     required
         The primitives that every point of the result is in, as bits.
+    program
+        The expression in postfix order: a primitive's number, or ``-1 - kind`` of an operator.
     """
 
     primitives: tuple[Primitive, ...]
     table: int
     required: int
+    program: tuple[int, ...]
 
 
 def flatten_operation(groups: Groups, operation: int) -> SmallOperation | None:
     """Return an operation as a truth table, None where it is too large or has instances."""
     primitives: list[Primitive] = []
-    table = _flatten(groups, operation, IDENTITY, False, primitives)
+    program: list[int] = []
+    table = _flatten(groups, operation, IDENTITY, False, primitives, program)
     if table is None:
         return None
     sets = 1 << len(primitives)
@@ -68,40 +75,81 @@ def flatten_operation(groups: Groups, operation: int) -> SmallOperation | None:
         for j in range(len(primitives))
         if not any(table[m] for m in range(sets) if not m >> j & 1)
     )
-    return SmallOperation(tuple(primitives), bits, required)
+    return SmallOperation(tuple(primitives), bits, required, tuple(program))
 
 
 _ALL_SETS = np.arange(1 << MAX_PRIMITIVES)
 
 
 def _flatten(
-    groups: Groups, operation: int, frame: Affine, flipped: bool, primitives: list[Primitive]
+    groups: Groups,
+    operation: int,
+    frame: Affine,
+    flipped: bool,
+    primitives: list[Primitive],
+    program: list[int],
 ) -> NDArray[np.bool_] | None:
-    """Append the primitives of an operation and return its truth over all sets of them."""
+    """Append the primitives and the code of an operation; return its truth over all sets."""
     record = groups.operations[operation]
     result: NDArray[np.bool_] | None = None
     for k, operand in enumerate(record.operands):
         flips = flipped != (record.operator is DIFFERENCE and k > 0)
         union = np.zeros(len(_ALL_SETS), np.bool_)
-        for r in groups.groups[operand]:
+        for n, r in enumerate(groups.groups[operand]):
             m = compose_affine(frame, r.group_from_target)
             if r.kind == INSTANCE or len(primitives) == MAX_PRIMITIVES:
                 return None
             if r.kind == LEAF:
                 union |= (_ALL_SETS >> len(primitives) & 1).astype(np.bool_)
+                program.append(len(primitives))
                 primitives.append(Primitive(r.target, m, flips))
             else:
                 # Depth is bounded by the number of primitives: every operation has two operands.
-                inner = _flatten(groups, r.target, m, flips, primitives)
+                inner = _flatten(groups, r.target, m, flips, primitives, program)
                 if inner is None:
                     return None
                 union |= inner
+            if n > 0:
+                program.append(-1 - UNION.kind)
         if result is None:
             result = union
         else:
+            program.append(-1 - record.operator.kind)
             sets = 2 * result.astype(int) + union
             result = (record.operator.table >> sets & 1).astype(np.bool_)
     return result
+
+
+@njit
+def _find_owner(
+    smalls: NDArray[np.int32],
+    at: int,
+    before: np.uint64,
+    behind: np.uint64,
+    slots: NDArray[np.int32],
+) -> int:
+    """Return the primitive that an end belongs to, of those that coincide.
+
+    From the leaves up: of two operands it is the first one's, if that one changes there.
+    """
+    program = at + HEADER + ENTRY * smalls[at]
+    one = np.uint64(1)
+    top = _WORK
+    for k in range(program + 1, program + 1 + smalls[program]):
+        step = smalls[k]
+        if step >= 0:
+            a = int((before >> np.uint64(step)) & one)
+            b = int((behind >> np.uint64(step)) & one)
+            owner = step
+        else:
+            table = TABLES[-1 - step]
+            top -= 6
+            a = truth(table, slots[top], slots[top + 3])
+            b = truth(table, slots[top + 1], slots[top + 4])
+            owner = slots[top + 2] if slots[top + 2] >= 0 else slots[top + 5]
+        slots[top], slots[top + 1], slots[top + 2] = a, b, owner if a != b else -1
+        top += 3
+    return int(slots[_WORK + 2])
 
 
 @njit(contract=True)
@@ -171,22 +219,14 @@ def small_crossings(
             k += 1
         now = (table >> inside) & one
         if now != was:
-            # It belongs to the primitive that stands first of those without which the result
-            # would differ before or behind: what another one covers has no end of its own.
             before = inside
             for e in range(group, k):
                 before ^= one << np.uint64(slots[e - begin])
-            chosen = group
-            first = count
+            owner = _find_owner(smalls, at, before, inside, slots)
             for e in range(group, k):
-                j = slots[e - begin]
-                bit = one << np.uint64(j)
-                shows = (table >> (before ^ bit)) & one != was
-                shows |= (table >> (inside ^ bit)) & one != now
-                if shows and j < first:
-                    first = j
-                    chosen = e
-            ends[out], slots[out - begin] = ends[chosen], slots[chosen - begin]
+                if slots[e - begin] == owner:
+                    ends[out], slots[out - begin] = ends[e], owner
+                    break
             out += 1
             was = now
     return out

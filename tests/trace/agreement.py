@@ -109,6 +109,11 @@ class Judge:
         ts = [e.t for e in near if e is not None and e.leaf == leaf]
         if self.glides(ray):
             return
+        if isinstance(self.tracer, StatesTracer) and expected is not None:
+            # Where faces of several leaves coincide exactly, this engine may name another one of
+            # them (docs/engines.md); the place must be right.
+            if abs(t - expected.t) <= SAME * max(1.0, abs(t)):
+                return
         assert ts, ("another leaf", ray, expected, t, leaf)
         if expected is not None and expected.leaf == leaf:
             ts.append(expected.t)
@@ -187,7 +192,8 @@ class Judge:
 
     def spans(self, ray: Ray, pairs: Sequence[tuple[float, float]]) -> None:
         """Require the oracle's intervals, or those of a ray a hair beside."""
-        if not _same(pairs, _pairs(self.of(ray)), SAME):
+        # A sheet in a face is an interval of its own: which one stands first may be rounding.
+        if not _same(sorted(pairs), sorted(_pairs(self.of(ray))), SAME):
             self.forgiven += 1
             loose = 1e-4
             thick = _without_slivers(pairs)
