@@ -109,11 +109,11 @@ class Judge:
         ts = [e.t for e in near if e is not None and e.leaf == leaf]
         if self.glides(ray):
             return
-        if isinstance(self.tracer, StatesTracer) and expected is not None:
-            # Where faces of several leaves coincide exactly, this engine may name another one of
-            # them (docs/engines.md); the place must be right.
-            if abs(t - expected.t) <= SAME * max(1.0, abs(t)):
-                return
+        # Where faces of several leaves coincide exactly, the engine of states may name another one
+        # of them (docs/engines.md); the place must be right.
+        loose = isinstance(self.tracer, StatesTracer) and expected is not None
+        if loose and abs(t - expected.t) <= SAME * max(1.0, abs(t)):
+            return
         assert ts, ("another leaf", ray, expected, t, leaf)
         if expected is not None and expected.leaf == leaf:
             ts.append(expected.t)
