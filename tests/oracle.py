@@ -266,7 +266,7 @@ def _rotation(a: float, axis: Sequence[float]) -> Rows:
 def _align(v: Sequence[float]) -> Rows:
     """The smallest rotation that takes +z to v; opposite: half a turn about x."""
     x, y, z = _unit(v)
-    if x == 0.0 and y == 0.0:
+    if x * x + y * y < 1e-290:
         return _linear([[1, 0, 0], [0, math.copysign(1, z), 0], [0, 0, math.copysign(1, z)]])
     k = 1.0 / (1.0 + z) if z > 0.0 else (1.0 - z) / (x * x + y * y)
     return _linear(
