@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.render.tracer import GROUND, Bools, Floats, HitsLike, Ints
+from pcsg.render.tracer import GROUND, Bools, Floats, Ints
 from pcsg.render.view import encode
+from pcsg.trace.hits import Hits
 
 BYTES_PER_PIXEL = 96
 """Memory of a film with its picture, an upper estimate."""
@@ -62,7 +63,7 @@ class Film:
         self.tone2.reshape(-1)[pixels] += (tone * tone).sum(axis=1).astype(np.float32)
         self.count.reshape(-1)[pixels] += rgb.shape[1]
 
-    def set_first(self, pixels: Ints, hits: HitsLike) -> None:
+    def set_first(self, pixels: Ints, hits: Hits) -> None:
         """Keep what the rays through the centres of P pixels met."""
         self.depth.reshape(-1)[pixels] = hits.t.astype(np.float32)
         self.normal.reshape(-1, 3)[pixels] = hits.normal.astype(np.float32)

@@ -13,7 +13,8 @@ import numpy as np
 from pcsg.render.materials import Surface
 from pcsg.render.sampler import Sampler, cosine_hemisphere
 from pcsg.render.stage import Stage
-from pcsg.render.tracer import GROUND, Bools, Floats, HitsLike, Ints, Tracer
+from pcsg.render.tracer import GROUND, Bools, Floats, Ints, Tracer
+from pcsg.trace.hits import Hits
 
 
 class Purpose:
@@ -44,7 +45,7 @@ class Light(NamedTuple):
     """
 
     rgb: Floats
-    hits: HitsLike
+    hits: Hits
     rays: int
 
 
@@ -167,7 +168,7 @@ class Preview:
         t_max = np.maximum(distance[at] - 2.0 * step, 0.0)
         return tracer.occluded(origins, towards, 0.0, t_max)
 
-    def _hazed(self, light: Floats, hits: HitsLike, at: Ints, behind: Floats) -> Floats:
+    def _hazed(self, light: Floats, hits: Hits, at: Ints, behind: Floats) -> Floats:
         """Let the ground plane fade into the horizon, where it would end in a hard line."""
         if not self.stage.ground:
             return light

@@ -12,7 +12,8 @@ import numpy as np
 
 from pcsg.graph.settings import SETTINGS
 from pcsg.render.textures import Textures
-from pcsg.render.tracer import Floats, HitsLike, Ints
+from pcsg.render.tracer import Floats, Ints
+from pcsg.trace.hits import Hits
 
 DEFAULTS = {key: k.default for key, k in SETTINGS["material"].keys.items()}
 
@@ -126,7 +127,7 @@ class Materials:
         )
         self._textures = textures
 
-    def gather(self, hits: HitsLike, at: Ints, directions: Floats) -> Surface:
+    def gather(self, hits: Hits, at: Ints, directions: Floats) -> Surface:
         """Return the surfaces of hits.
 
         Parameters

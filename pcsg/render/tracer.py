@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pcsg.trace.hits import Hits
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -16,103 +18,12 @@ GROUND = -2
 """Leaf number of the ground plane, which is no node of the graph."""
 
 
-class Hits(NamedTuple):
-    """First crossings of N rays.
-
-    Attributes
-    ----------
-    t
-        (N,) ray parameter, inf where missed.
-    leaf
-        (N,) number of the leaf node, -1 where missed.
-    normal
-        (N, 3) unit, outward.
-    position
-        (N, 3) world coordinates.
-    uv
-        (N, 2) surface coordinates.
-    label
-        (N,) the grammar's label, -1 where none.
-    color
-        (N, 3) linear colour attribute, -1 where none.
-    material, texture
-        (N,) number among the scene's settings of that kind, -1 where none.
-    texture_scale
-        (N,) scale of the texture.
-    """
-
-    t: Floats
-    leaf: Ints
-    normal: Floats
-    position: Floats
-    uv: Floats
-    label: Ints
-    color: Floats
-    material: Ints
-    texture: Ints
-    texture_scale: Floats
-
-
-class HitsLike(Protocol):
-    """Anything with the arrays of `Hits`."""
-
-    @property
-    def t(self) -> Floats:
-        """(N,) inf where missed."""
-        ...
-
-    @property
-    def leaf(self) -> Ints:
-        """(N,) -1 where missed."""
-        ...
-
-    @property
-    def normal(self) -> Floats:
-        """(N, 3) unit, outward."""
-        ...
-
-    @property
-    def position(self) -> Floats:
-        """(N, 3) world coordinates."""
-        ...
-
-    @property
-    def uv(self) -> Floats:
-        """(N, 2) surface coordinates."""
-        ...
-
-    @property
-    def label(self) -> Ints:
-        """(N,) -1 where none."""
-        ...
-
-    @property
-    def color(self) -> Floats:
-        """(N, 3) -1 where none."""
-        ...
-
-    @property
-    def material(self) -> Ints:
-        """(N,) -1 where none."""
-        ...
-
-    @property
-    def texture(self) -> Ints:
-        """(N,) -1 where none."""
-        ...
-
-    @property
-    def texture_scale(self) -> Floats:
-        """(N,) on top of the texture's own."""
-        ...
-
-
 class Tracer(Protocol):
     """Answers batches of rays; callable from several threads at once."""
 
     def intersect(
         self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
-    ) -> HitsLike:
+    ) -> Hits:
         """Return the first crossings in the closed ranges."""
         ...
 
@@ -198,16 +109,16 @@ class GroundedTracer:
             return values
 
         return Hits(
-            t,
-            replaced(hits.leaf, GROUND),
-            replaced(hits.normal, (0.0, 0.0, 1.0)),
-            replaced(hits.position, at),
-            replaced(hits.uv, at[:, :2]),
-            replaced(hits.label, -1),
-            replaced(hits.color, -1.0),
-            replaced(hits.material, self.material),
-            replaced(hits.texture, -1),
-            replaced(hits.texture_scale, 1.0),
+            t=t,
+            leaf=replaced(hits.leaf, GROUND),
+            normal=replaced(hits.normal, (0.0, 0.0, 1.0)),
+            position=replaced(hits.position, at),
+            uv=replaced(hits.uv, at[:, :2]),
+            label=replaced(hits.label, -1),
+            color=replaced(hits.color, -1.0),
+            material=replaced(hits.material, self.material),
+            texture=replaced(hits.texture, -1),
+            texture_scale=replaced(hits.texture_scale, 1.0),
         )
 
     def occluded(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from pcsg.errors import Diagnostic, EvaluationFault
-from pcsg.render.tracer import Hits
+from pcsg.trace.hits import Hits
 
 
 class Spheres:
@@ -72,16 +72,16 @@ class Spheres:
         n = len(t)
         number = np.where(hit, which, -1)
         return Hits(
-            t,
-            number,
-            normal,
-            position,
-            np.zeros((n, 2)),
-            number + 10 * hit,
-            np.where(hit[:, None], self.color, -1.0),
-            np.where(hit, self.material, -1),
-            np.where(hit, self.texture, -1),
-            np.ones(n),
+            t=t,
+            leaf=number,
+            normal=normal,
+            position=position,
+            uv=np.zeros((n, 2)),
+            label=number + 10 * hit,
+            color=np.where(hit[:, None], self.color, -1.0),
+            material=np.where(hit, self.material, -1),
+            texture=np.where(hit, self.texture, -1),
+            texture_scale=np.ones(n),
         )
 
     def occluded(self, origins, directions, t_min, t_max):
