@@ -25,6 +25,7 @@ from typing import Any, TypeVar, overload
 import numba
 import numpy as np
 import platformdirs
+from numba.core.types import unliteral
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -103,6 +104,25 @@ def _cache_in(folder: Path) -> Iterator[None]:
         _config.CACHE_DIR = before
 
 
+def _make_inner(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """Return a dispatcher for a function that other kernels call.
+
+    These calls go to a second dispatcher without the wrapper that Python needs, and calls with
+    constants share one version with calls of any value. Together that halves the time to compile.
+    """
+    outer: Any = numba.njit(**options)(function)
+    inner: Any = numba.njit(**options, no_cpython_wrapper=True)(function)
+
+    def get_call_template(args: Sequence[Any], kws: dict[str, Any]) -> Any:
+        return inner.get_call_template(
+            tuple(unliteral(a) for a in args), {name: unliteral(a) for name, a in kws.items()}
+        )
+
+    outer.get_call_template = get_call_template
+    outer.get_overload = inner.get_overload
+    return outer
+
+
 @overload
 def njit(function: F, /) -> F: ...
 @overload
@@ -130,11 +150,13 @@ def njit(
             # Kernels allocate nothing, so nothing needs counting; counting costs half the time.
             "_nrt": False,
             "fastmath": {"contract"} if contract else False,
+            # Nobody calls kernels from C.
+            "no_cfunc_wrapper": True,
         }
         if inline:
             options["forceinline"] = True
         if not entry:
-            return numba.njit(**options)(plain)
+            return _make_inner(plain, options)
         with _cache_in(cache_folder(fingerprint(plain))):
             return numba.njit(nogil=True, cache=True, **options)(plain)
 
