@@ -25,11 +25,13 @@ from typing import Any, TypeVar, overload
 import numba
 import numpy as np
 import platformdirs
-from numba.core.types import unliteral
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+# numba's own types leave out options.
 _config: Any = numba.config
+_numba_njit: Any = numba.njit
+_unliteral: Any = numba.core.types.unliteral
 
 
 def fingerprint(kernel: Any) -> str:
@@ -110,12 +112,13 @@ def _make_inner(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     These calls go to a second dispatcher without the wrapper that Python needs, and calls with
     constants share one version with calls of any value. Together that halves the time to compile.
     """
-    outer: Any = numba.njit(**options)(function)
-    inner: Any = numba.njit(**options, no_cpython_wrapper=True)(function)
+    outer: Any = _numba_njit(**options)(function)
+    inner: Any = _numba_njit(**options, no_cpython_wrapper=True)(function)
 
     def get_call_template(args: Sequence[Any], kws: dict[str, Any]) -> Any:
         return inner.get_call_template(
-            tuple(unliteral(a) for a in args), {name: unliteral(a) for name, a in kws.items()}
+            tuple(_unliteral(a) for a in args),
+            {name: _unliteral(a) for name, a in kws.items()},
         )
 
     outer.get_call_template = get_call_template
@@ -158,7 +161,7 @@ def njit(
         if not entry:
             return _make_inner(plain, options)
         with _cache_in(cache_folder(fingerprint(plain))):
-            return numba.njit(nogil=True, cache=True, **options)(plain)
+            return _numba_njit(nogil=True, cache=True, **options)(plain)
 
     return compile_lazily if function is None else compile_lazily(function)
 
