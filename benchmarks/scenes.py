@@ -1,0 +1,114 @@
+"""The scenes that are measured: a new one is one line of `SCENES`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+import pcsg
+from benchmarks import meshes
+from benchmarks.meshes import Triangles
+from pcsg.scene import Scene
+from pcsg.trace.tracer import Engine
+
+HERE = Path(__file__).parent
+GRAMMARS = HERE.parent / "grammars"
+
+
+@dataclass(frozen=True)
+class Subjected:
+    """A scene to measure.
+
+    Attributes
+    ----------
+    text
+        Returns the grammar.
+    values
+        Of the axiom's parameters.
+    triangles
+        Returns the same as triangles, for the peers that have nothing else.
+    """
+
+    text: Callable[[], str]
+    values: Mapping[str, float] = field(default_factory=dict)
+    triangles: Callable[[Scene], Triangles] | None = None
+
+    def load(self, threads: int = 1, engine: Engine = "auto") -> Scene:
+        """Return the scene."""
+        return pcsg.loads(self.text(), parameters=self.values, threads=threads, engine=engine)
+
+
+def _file(name: str) -> Callable[[], str]:
+    folder = HERE / "grammars" if (HERE / "grammars" / f"{name}.pcsg").exists() else GRAMMARS
+    return lambda: (folder / f"{name}.pcsg").read_text(encoding="utf-8")
+
+
+def _limbs() -> str:
+    """Fig 5a without its leaves."""
+    text = _file("fig5a")()
+    before, _, after = text.partition("segment = ")
+    rest = after.partition("\n")[2]
+    return f"{before}segment = scale(fxSG,fySG,dSG) cylinder\n{rest}"
+
+
+def _bitten_ball() -> str:
+    """A sphere without 1,000 small ones near its surface."""
+    rng = np.random.default_rng(2)
+    at = rng.normal(size=(1000, 3))
+    at *= 0.98 / np.linalg.norm(at, axis=1)[:, None]
+    bites = [f"move({x:.6f},{y:.6f},{z:.6f}) uscale({r:.6f}) sphere" for (x, y, z), r in zip(
+        at, rng.uniform(0.03, 0.12, 1000), strict=True
+    )]  # fmt: skip
+    return f"sphere \\ ({' | '.join(bites)})\n"
+
+
+def _crossed_boxes() -> str:
+    """The intersection of two unions of 500 boxes."""
+    rng = np.random.default_rng(3)
+
+    def union() -> str:
+        boxes = []
+        for _ in range(500):
+            x, y, z = rng.uniform(-1, 1, 3)
+            a, b, c = rng.uniform(0.03, 0.2, 3)
+            turns = " ".join(f"rot{axis}({rng.uniform(0, 360):.3f})" for axis in "xyz")
+            boxes.append(
+                f"move({x:.6f},{y:.6f},{z:.6f}) {turns} scale({a:.6f},{b:.6f},{c:.6f}) box"
+            )
+        return " | ".join(boxes)
+
+    return f"({union()}) & ({union()})\n"
+
+
+SCENES: dict[str, Subjected] = {
+    **{
+        f"Sierpinski {n}": Subjected(
+            _file("sierpinski"), {"c": float(n)}, meshes.solids if n <= 10 else None
+        )
+        for n in (4, 6, 8, 10, 20, 30, 40)
+    },
+    "fig 5a limbs": Subjected(_limbs, triangles=meshes.solids),
+    "fig 5a": Subjected(_file("fig5a")),
+    "tree": Subjected(_file("tree")),
+    **{
+        f"terrain {n}": Subjected(
+            _file("terrain"), {"cnt": float(n)}, meshes.terrain if n <= 10 else None
+        )
+        for n in (3, 8, 10, 14, 20)
+    },
+    **{f"Menger {n}": Subjected(_file("menger"), {"n": float(n)}) for n in range(1, 7)},
+    "sphere minus 1,000": Subjected(_bitten_ball),
+    "500 & 500 boxes": Subjected(_crossed_boxes),
+    "plant 12": Subjected(_file("plant")),
+}
+
+
+@cache
+def triangles_of(name: str) -> Triangles | None:
+    """Return a scene as triangles, made once."""
+    made = SCENES[name].triangles
+    return None if made is None else made(SCENES[name].load())
