@@ -14,7 +14,7 @@ equal.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from struct import Struct
@@ -96,6 +96,13 @@ class OperationStep(NamedTuple):
 
 
 Step = LeafStep | StateStep | UnaryStep | OperationStep
+
+
+class Start(NamedTuple):
+    """Where to begin: a node, and names and values of its live parameters."""
+
+    node: int
+    values: tuple[tuple[str, float], ...]
 
 
 @dataclass(slots=True)
@@ -196,6 +203,7 @@ def enumerate_states(
     globals_values: Mapping[str, float] | None = None,
     budget: int = BUDGET,
     depth_limit: int = 10_000,
+    starts: Sequence[Start] | None = None,
 ) -> StateGraph:
     """Unroll a graph over its states.
 
@@ -207,6 +215,8 @@ def enumerate_states(
         Most states; it bounds the visits to nodes too, by STEPS_PER_STATE each.
     depth_limit
         Most selections on a path.
+    starts
+        Where to begin in place of the axiom: state 0 is then their union.
 
     Returns
     -------
@@ -214,7 +224,7 @@ def enumerate_states(
         With `finite` False where the budget ended first, and with the faults met.
     """
     unroller = _Unroller(graph, globals_values, budget)
-    unroller.run()
+    unroller.run(starts)
     _check_depth(unroller.found, depth_limit)
     return unroller.found
 
@@ -240,11 +250,11 @@ class _Unroller:
         self.reported: set[object] = set()
         self.frame_mask = 1 << self.code.frame_slot if self.code.frame_slot >= 0 else 0
 
-    def run(self) -> None:
+    def run(self, starts: Sequence[Start] | None = None) -> None:
         """Expand states until none is left or the budget is spent."""
         states = self.found.states
         visits = 0
-        todo = [0]
+        todo = [0] if starts is None else self._begin(starts)
         while todo:
             k = todo.pop()
             self.pending.clear()
@@ -254,6 +264,22 @@ class _Unroller:
             if todo and (len(states) > self.budget or visits > STEPS_PER_STATE * self.budget):
                 self.found.finite = False
                 return
+
+    def _begin(self, starts: Sequence[Start]) -> list[int]:
+        """Make state 0 the union of what the starts lead to, and return those states."""
+        found = []
+        for start in starts:
+            params = self.unassigned.copy()
+            for name, value in start.values:
+                params[self.code.slots[name]] = value
+            found.append(self._intern(start.node, params, 0))
+        axiom = self.found.states[0]
+        arity = len(found)
+        items = (StateItem(IDENTITY, k) for k in found)
+        axiom.content = (*items, Combine(UNION, arity))
+        visits = (StateStep(start.node, k) for start, k in zip(starts, found, strict=True))
+        axiom.steps = (*visits, OperationStep(0, UNION, arity))
+        return list(dict.fromkeys(found))
 
     def _expand(self, k: int) -> None:
         """Fill in the content of a state."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import mul
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -83,6 +84,10 @@ class Solid:
         In the order of the arguments.
     bounds
         A box that contains the solid in its own frame, if that does not depend on arguments.
+    ball
+        Centre and radius of a ball that contains it; not given, the one around its box.
+    corners
+        Points whose convex hull contains it, where these are fewer than a box's.
     sheet
         True for a surface without volume: its intervals have length zero.
     primitives
@@ -94,6 +99,8 @@ class Solid:
     aliases: ClassVar[tuple[str, ...]] = ()
     parameters: ClassVar[tuple[LeafParameter, ...]] = ()
     bounds: ClassVar[Box] = UNIT_BOX
+    ball: ClassVar[tuple[Vec3, float] | None] = None
+    corners: ClassVar[tuple[Vec3, ...]] = ()
     sheet: ClassVar[bool] = False
     primitives: ClassVar[int] = 1
 
@@ -105,6 +112,8 @@ class Solid:
     @classmethod
     def support(cls, direction: Vec3, args: Sequence[float]) -> float:
         """Return the largest ``p . direction`` over the solid, or more; by default its box's."""
+        if cls.corners:
+            return max(math.fsum(map(mul, corner, direction)) for corner in cls.corners)
         box = cls.bounds_of(args)
         total = 0.0
         for d, lower, upper in zip(direction, box.lower, box.upper, strict=True):

@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
+from pcsg.graph.bounds import pad
 from pcsg.graph.code import compose_affine, invert_affine
 from pcsg.graph.graph import Graph
+from pcsg.graph.hulls import EMPTY as EMPTY_BOX
 from pcsg.graph.hulls import Bounds, Hulls, Part
 from pcsg.graph.nodes import Leaf
-from pcsg.graph.states import StateGraph
+from pcsg.graph.states import StateGraph, StateItem
 from pcsg.leaf.registry import Solid
 from pcsg.trace.groups import (
     BLOCK,
@@ -33,9 +35,10 @@ from pcsg.trace.groups import (
     Reference,
     gather,
 )
+from pcsg.trace.rulebook import Fixture
 from pcsg.trace.simd import WIDTH
 from pcsg.trace.small import SmallOperation, flatten_operation
-from pcsg.vec import IDENTITY, Affine
+from pcsg.vec import IDENTITY, Affine, Vec3
 
 OPEN_ROOT, OPEN_GROUP = 1_000, 64
 """References up to which the root and the other groups are opened."""
@@ -122,11 +125,40 @@ def build_blocks(graph: Graph, states: StateGraph) -> Blocks:
     return _Builder(graph, gather(states, hulls), hulls).build()
 
 
+def build_fixtures(graph: Graph, states: StateGraph) -> tuple[Blocks, list[Fixture]]:
+    """Return the blocks of a union of states, and each of these states by itself.
+
+    Attributes that come from outside are NaN.
+    """
+    hulls = Hulls(states)
+    hulls.tolerance = CUT_TOLERANCE
+    groups = gather(states, hulls)
+    builder = _Builder(graph, groups, hulls)
+    builder.defaults = (math.nan,) * len(ATTRIBUTE_DEFAULTS)
+    builder.wanted += [g for g in groups.parts if g >= 0]
+    blocks = builder.build()
+    starts = [item.state for item in states.states[0].content or () if isinstance(item, StateItem)]
+    fixtures = []
+    for state, group in zip(starts, groups.parts, strict=True):
+        part = hulls.parts[state]
+        if part is None or group < 0:
+            fixtures.append(Fixture(0, EMPTY_BOX, (0.0, 0.0, 0.0), 0.0))
+            continue
+        box = pad(hulls.box(part))
+        # The hull's own ball, where its frame is the state's.
+        center, radius = Vec3(0.0, 0.0, 0.0), math.inf
+        if part.outer_from_inner == IDENTITY:
+            center, radius = part.hull.center, part.hull.radius * (1.0 + 1e-12)
+        fixtures.append(Fixture(builder.first_block[group], box, center, radius))
+    return blocks, fixtures
+
+
 class _Builder:
     def __init__(self, graph: Graph, groups: Groups, hulls: Hulls) -> None:
         self.graph = graph
         self.groups = groups
         self.hulls = hulls
+        self.defaults: tuple[float, ...] = ATTRIBUTE_DEFAULTS
         self.boxes: list[NDArray[np.float64]] = []
         self.refs: list[list[int]] = []
         self.inverses: list[Affine] = []
@@ -285,7 +317,7 @@ class _Builder:
             # What no attribute node assigns is not live, so states do not know it.
             attributes.extend(
                 default if math.isnan(value) else value
-                for value, default in zip(record.attributes, ATTRIBUTE_DEFAULTS, strict=True)
+                for value, default in zip(record.attributes, self.defaults, strict=True)
             )
         operations: list[int] = []
         begins: dict[int, int] = {}

@@ -12,6 +12,7 @@ from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS, ATTRIBUTE_SLOTS
 from pcsg.graph.expr import Number, as_expr, functions_of, parameters_of
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.graph import FRAME_SLOTS, GLOBALS, Graph
+from pcsg.graph.liveness import attribute_values
 from pcsg.graph.nodes import (
     Attribute,
     Calculation,
@@ -144,10 +145,7 @@ class _Packer:
             self.code_at[k] = add(exprs, names)
         elif isinstance(node, Attribute):
             self.kind[k] = CALCULATION
-            exprs = list(node.args)
-            if node.kind.refers_to:
-                names_of = self.graph.numbers_of(node.kind.refers_to)
-                exprs.insert(0, as_expr(float(names_of[node.reference or ""])))
+            exprs = attribute_values(self.graph, node)
             stores = node.kind.slots[: len(exprs)]
             self.code_at[k] = self.program.add_parallel(exprs, stores)
         elif isinstance(node, Transformation):

@@ -60,6 +60,11 @@ class StatesTracer:
         """Bytes of what rays read."""
         return {"blocks": self.blocks.nbytes}
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of blocks."""
+        return {"blocks": self.blocks.n_blocks}
+
     @cached_property
     def _lists(self) -> Walker:
         return self._make_walker()
