@@ -299,7 +299,11 @@ class _Maker:
         while stack:
             n, scope, opened = stack.pop()
             node = self.graph.nodes[n]
-            if isinstance(node, Leaf):
+            if isinstance(node, Leaf) and node.constants:
+                if not self._is_static(n, scope.values):
+                    raise NoRecipe("a leaf with data that depends on inputs")
+                self._add_fixture(recipe, n, scope)
+            elif isinstance(node, Leaf):
                 self._add_leaf(recipe, known, n, node, scope)
             elif n in self.ranges.cuts and n != opened:
                 self._enter(recipe, known, stack, n, scope)
@@ -442,8 +446,9 @@ class _Maker:
             k = stack.pop()
             node = self.graph.nodes[k]
             leaves += isinstance(node, Leaf)
-            combines = isinstance(node, Operation) and node.operator is not UNION
-            if k in self.ranges.cuts or combines or leaves > INLINED:
+            stays = isinstance(node, Leaf) and bool(node.constants)
+            stays = stays or (isinstance(node, Operation) and node.operator is not UNION)
+            if k in self.ranges.cuts or stays or leaves > INLINED:
                 return False
             stack.extend(self.graph.successors[k])
         return True

@@ -14,13 +14,14 @@ from pcsg.graph.graph import GLOBALS
 from pcsg.graph.recipes import Recipes
 from pcsg.graph.states import enumerate_states
 from pcsg.leaf.registry import ANY, FIRST, Pool
+from pcsg.simd import WIDTH
 from pcsg.trace.blocks import Blocks, build_fixtures
 from pcsg.trace.hits import Hits, Spans
 from pcsg.trace.lazy_batch import find_batch_lazy
 from pcsg.trace.lazy_kernel import LazyScratch, make_lazy_scratch
+from pcsg.trace.pool import pool_of
 from pcsg.trace.rays import Rays, check_rays, count_processors, run_chunks
 from pcsg.trace.rulebook import write_rulebook
-from pcsg.trace.simd import WIDTH
 from pcsg.trace.slots import HEAD, Lazy
 from pcsg.trace.store import BLOCK_MEMORY, build_store
 from pcsg.trace.surface import Surface, make_surface
@@ -56,20 +57,21 @@ class LazyTracer:
     ) -> None:
         states = enumerate_states(recipes.graph, values, starts=recipes.fixtures)
         self.blocks: Blocks
-        self.blocks, fixtures = build_fixtures(recipes.graph, states)
+        self._models = pool_of(recipes.graph)
+        self.blocks, fixtures = build_fixtures(recipes.graph, states, self._models)
         self.store = build_store(write_rulebook(recipes, fixtures), block_memory)
         self.threads = threads or count_processors()
         self._make_walker = walker
         self._lock = threading.Lock()
         self._trees = Trees(*(getattr(self.blocks, name) for name in Trees._fields))
-        self._pool: Pool = (np.zeros(1), np.zeros(1, np.float32), np.zeros(1, np.int32))
+        self._pool: Pool = self._models.pool
         self._local = threading.local()
         self._made: list[Lazy] = []
 
     @property
     def nbytes(self) -> dict[str, int]:
         """Bytes of what rays read."""
-        return {"blocks": self.blocks.nbytes, "store": self.store.nbytes}
+        return {"blocks": self.blocks.nbytes, "store": self.store.nbytes, **self._models.nbytes}
 
     @property
     def counts(self) -> dict[str, int]:

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, ANY, Pool
+from pcsg.simd import WIDTH, count_trailing_zeros
+from pcsg.slabs import Slabs, make_slabs, meet_block, wide
 from pcsg.trace.groups import SUSPENDED
 from pcsg.trace.kernel import find_first
 from pcsg.trace.merge import tolerance
 from pcsg.trace.rulebook import FIXTURE, P_KIND, P_SOLID, P_TARGET, PART_FIELDS
-from pcsg.trace.simd import WIDTH, count_trailing_zeros
 from pcsg.trace.slots import FAULT, H_PARTS, HEAD, Lazy, Slots, open_state
 from pcsg.trace.traversal import (
     ENDS,
@@ -35,16 +36,12 @@ from pcsg.trace.traversal import (
     STACK,
     UNDECIDED,
     Scratch,
-    Slabs,
     T,
     Trees,
     comes_first,
     load_ray,
     make_scratch,
-    make_slabs,
-    meet_block,
     store_ray,
-    wide,
 )
 from pcsg.vec import Ray, load_affine, transform_ray
 

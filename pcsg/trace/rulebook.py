@@ -27,8 +27,8 @@ from pcsg.graph.recipes import (
 from pcsg.graph.sides import Sides, entry_sides
 from pcsg.graph.tape import Program
 from pcsg.leaf.registry import Solid
+from pcsg.simd import WIDTH
 from pcsg.trace.bounding import BALL, CORNERS, SIDES
-from pcsg.trace.simd import WIDTH
 from pcsg.vec import IDENTITY, Affine
 
 # Operations of steps.

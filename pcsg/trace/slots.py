@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from pcsg.graph.tape import OK, run
 from pcsg.graph.transforms import evaluate_transform
 from pcsg.jit import njit
+from pcsg.simd import WIDTH
+from pcsg.slabs import wide
 from pcsg.trace.bounding import bound_part
 from pcsg.trace.groups import EMPTY, LAZY_LEAF, SUSPENDED
 from pcsg.trace.rulebook import (
@@ -41,8 +43,6 @@ from pcsg.trace.rulebook import (
     STEP_FIELDS,
     Rulebook,
 )
-from pcsg.trace.simd import WIDTH
-from pcsg.trace.traversal import wide
 from pcsg.vec import compose, invert, load_affine, store_affine
 
 H_PARTS, H_GENERATION, H_PIN, H_USED = range(4)
