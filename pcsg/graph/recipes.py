@@ -144,6 +144,8 @@ class Entry:
         The selection function over registers; None where only one rule can be taken.
     rules
         Recipes by the rules' numbers.
+    stand_in
+        The recipe of a rule of a few leaves that are sheets: what the state looks like from afar.
     """
 
     key: Key
@@ -151,6 +153,7 @@ class Entry:
     ranges: tuple[tuple[float, float], ...]
     select: Expr | None = None
     rules: dict[int, Recipe] = field(default_factory=dict)
+    stand_in: Recipe | None = None
 
 
 @dataclass
@@ -288,6 +291,22 @@ class _Maker:
         for number in rules:
             rule = self.graph.number[node.rules[number]]
             entry.rules[number] = self._recipe(rule, -1, scope, len(entry.inputs))
+        entry.stand_in = self._stand_in(node, scope, len(entry.inputs))
+
+    def _stand_in(self, node: Selection, scope: _Scope, inputs: int) -> Recipe | None:
+        """Return the terminating rule with the present parameters, if it is a surface."""
+        for number in sorted(node.rules):
+            rule = self.graph.number[node.rules[number]]
+            below = [rule]
+            for k in below:
+                below.extend(self.graph.successors[k] if self._is_little(rule) else ())
+            leaves = [n for n in map(self.graph.nodes.__getitem__, below) if isinstance(n, Leaf)]
+            if leaves and all(leaf.is_sheet for leaf in leaves):
+                try:
+                    return self._recipe(rule, -1, scope, inputs)
+                except NoRecipe:
+                    return None
+        return None
 
     # Recipes
 

@@ -10,6 +10,7 @@ paths that are too deep, and states that cannot be made, whose faults the walker
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,11 +21,20 @@ from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, ANY, Pool
 from pcsg.simd import WIDTH, count_trailing_zeros
 from pcsg.slabs import Slabs, make_slabs, meet_block, wide
+from pcsg.trace.coverage import Coverage, draw_hit
 from pcsg.trace.groups import SUSPENDED
 from pcsg.trace.kernel import find_first
 from pcsg.trace.merge import tolerance
-from pcsg.trace.rulebook import FIXTURE, P_KIND, P_SOLID, P_TARGET, PART_FIELDS
-from pcsg.trace.slots import FAULT, H_PARTS, HEAD, Lazy, Slots, open_state
+from pcsg.trace.rulebook import (
+    E_STAND_IN,
+    ENTRY_FIELDS,
+    FIXTURE,
+    P_KIND,
+    P_SOLID,
+    P_TARGET,
+    PART_FIELDS,
+)
+from pcsg.trace.slots import FAULT, H_PARTS, HEAD, Lazy, Slots, make_stand_in, open_state
 from pcsg.trace.traversal import (
     ENDS,
     HIT,
@@ -43,7 +53,7 @@ from pcsg.trace.traversal import (
     make_scratch,
     store_ray,
 )
-from pcsg.vec import Ray, load_affine, transform_ray
+from pcsg.vec import Affine, Ray, determinant, load_affine, transform_ray
 
 _U1 = np.uint64(1)
 
@@ -113,16 +123,169 @@ def _push_items(
     return top
 
 
+class LazyCut(NamedTuple):
+    """Where rays end that see a state smaller than their footprint.
+
+    Attributes
+    ----------
+    cover
+        Opacities of entries.
+    of_entry : int32 (E,)
+        Number of an entry in `cover`; STAND_IN, or NEVER.
+    linear : float64 (12 MAX_DEPTH,)
+        Working space of one thread: at every level, the linear part of local_from_world, and one
+        over the squares of its rows' lengths.
+    numbers, box : float64 (8,), (6,)
+        Working space.
+    """
+
+    cover: Coverage
+    of_entry: NDArray[np.int32]
+    linear: NDArray[np.float64]
+    numbers: NDArray[np.float64]
+    box: NDArray[np.float64]
+
+
+STAND_IN, NEVER = -1, -2
+_LEVEL = 12
+
+CUT = -2_000_000
+"""In a path, ``CUT - k`` stands for hit k of the coverage; ``-1 - k`` for part k of a stand-in."""
+
+
+@njit
+def _go_down(linear: NDArray[np.float64], level: int, m: Affine) -> None:
+    """Write what a level knows of the world, below a matrix from the level above."""
+    above, at = _LEVEL * level, _LEVEL * level + _LEVEL
+    for i in range(3):
+        square = 0.0
+        for j in range(3):
+            x = (
+                m[4 * i] * linear[above + j]
+                + m[4 * i + 1] * linear[above + 3 + j]
+                + m[4 * i + 2] * linear[above + 6 + j]
+            )
+            linear[at + 3 * i + j] = x
+            square += x * x
+        linear[at + 9 + i] = 1.0 / square
+
+
+@njit(inline=True)
+def _world_size(linear: NDArray[np.float64], level: int, box: NDArray[np.float64]) -> float:
+    """Return the diameter in the world of a box at a level, about.
+
+    The slab of an axis is as thick as its local thickness over the length of the axis' row,
+    whatever the matrix; together they give the diagonal where the rows are at right angles.
+    """
+    at = _LEVEL * level + 9
+    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+    size = math.sqrt(x * x * linear[at] + y * y * linear[at + 1] + z * z * linear[at + 2])
+    return size
+
+
+@njit(inline=True)
+def _load_box(slots: Slots, own: int, box: NDArray[np.float64]) -> None:
+    """Write the box of an item."""
+    at = 6 * (own // WIDTH * WIDTH) + own % WIDTH
+    for i in range(6):
+        box[i] = slots.boxes[at + WIDTH * i]
+
+
+@njit(inline=True)
+def _middle_of(box: NDArray[np.float64], ray: Ray) -> float:
+    """Return where a ray passes nearest to the middle of a box."""
+    x, y, z = 0.5 * (box[0] + box[3]), 0.5 * (box[1] + box[4]), 0.5 * (box[2] + box[5])
+    along = (x - ray.ox) * ray.dx + (y - ray.oy) * ray.dy + (z - ray.oz) * ray.dz
+    nearest: float = along / (ray.dx**2 + ray.dy**2 + ray.dz**2)
+    return nearest
+
+
+@njit
+def _area_of(box: NDArray[np.float64], ray: Ray) -> float:
+    """Return how large a box looks along a ray, times the length of the ray's direction."""
+    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+    return abs(ray.dx) * y * z + abs(ray.dy) * z * x + abs(ray.dz) * x * y
+
+
+@njit
+def _meet_end(
+    lazy: Lazy,
+    cut: LazyCut,
+    pool: Pool,
+    ends: NDArray[np.float64],
+    item: int,
+    outer: Ray,
+    inverse: Affine,
+    ray: Ray,
+    middle: float,
+    low: float,
+    far: float,
+) -> tuple[int, float, int]:
+    """Let what stands for a state that is too small stop a ray that meets its box.
+
+    Parameters
+    ----------
+    outer, ray
+        In the frame of the item's slot, and in the state's.
+    middle
+        Where the ray passes nearest to the middle of the box.
+
+    Returns
+    -------
+    int, t, step
+        HIT, MISS or UNDECIDED; the last step of the path.
+    """
+    book = lazy.book
+    shared = len(lazy.store.refs)
+    parts = lazy.store.parts if item < shared else lazy.cache.parts
+    entry = book.parts[PART_FIELDS * parts[item if item < shared else item - shared] + P_TARGET]
+    state = cut.of_entry[entry]
+    if state >= 0:
+        if not (low <= middle <= far):
+            return MISS, 0.0, 0
+        # Volumes, and lengths along the ray, tell how areas across it change with the frame.
+        scale = abs(determinant(inverse)) * _area_of(cut.box, outer)
+        hit = draw_hit(cut.cover, state, ray, scale, middle, cut.numbers)
+        return (HIT, middle, CUT - hit) if hit >= 0 else (MISS, 0.0, 0)
+    first = make_stand_in(lazy, item, book.entries[ENTRY_FIELDS * entry + E_STAND_IN])
+    if first == FAULT:
+        return UNDECIDED, 0.0, 0
+    best, step = math.inf, 0
+    own = first - shared
+    slots = lazy.cache
+    for k in range(slots.heads[HEAD * (own // book.width) + H_PARTS]):
+        part = PART_FIELDS * slots.parts[own + k]
+        local = transform_ray(load_affine(slots.inverses, 12 * (own + k)), ray)
+        solid, at = book.parts[part + P_SOLID] >> 1, book.n_values * (own + k)
+        n = leaf_crossings(solid, local, ALL, slots.values, at, pool, ends, ENDS)
+        if n > ENDS and low <= ends[ENDS] < best and ends[ENDS] <= far:
+            best, step = ends[ENDS], -1 - k
+    return (HIT, best, step) if best < math.inf else (MISS, 0.0, 0)
+
+
 @njit(contract=True, inline=True)
 def find_first_lazy(
-    lazy: Lazy, trees: Trees, pool: Pool, scratch: LazyScratch, want: int, world: Ray
+    lazy: Lazy,
+    trees: Trees,
+    pool: Pool,
+    scratch: LazyScratch,
+    start: int,
+    want: int,
+    world: Ray,
+    cut: LazyCut | None,
+    width: float,
+    spread: float,
 ) -> int:
     """Find the first crossing of a ray in [tmin, tmax].
 
     Parameters
     ----------
+    start
+        The item to begin with, and the ray in the frame of its slot; 0 for the axiom.
     want
         FIRST, or ANY for any crossing.
+    cut, width, spread
+        Where recursion ends below the ray's footprint ``width + spread t``; None for nowhere.
 
     Returns
     -------
@@ -142,16 +305,21 @@ def find_first_lazy(
     hit = MISS
     top = 0
     at_level = 0
-    code = wide(SUSPENDED)
+    code = wide(start) << 3 | SUSPENDED
     paths[HIT_PATH] = 0
     store_ray(rays, 0, world)
+    if cut is not None:
+        for k in range(12):
+            cut.linear[k] = 1.0 if k % 4 == 0 or k > 8 else 0.0
     while True:
         item = code >> 3
         slots = lazy.store if item < shared else lazy.cache
         own = item if item < shared else item - shared
         part = PART_FIELDS * wide(slots.parts[own])
         step = own % book.width
-        ray = transform_ray(load_affine(slots.inverses, 12 * own), load_ray(rays, at_level))
+        inverse = load_affine(slots.inverses, 12 * own)
+        above = load_ray(rays, at_level)
+        ray = transform_ray(inverse, above)
         if code & 7 != SUSPENDED:
             outer.visits[2] += 1
             solid = book.parts[part + P_SOLID]
@@ -198,21 +366,57 @@ def find_first_lazy(
                 return UNDECIDED
             outer.visits[1] += 1
             paths[at_level] = step
-            at_level += 1
-            store_ray(rays, at_level, ray)
-            slot = open_state(lazy, item, at_level)
-            if slot == FAULT:
-                return UNDECIDED
-            slabs = make_slabs(ray)
-            if slot < n_shared:
-                top = _push_items(
-                    lazy.store, slot, book.width, slabs, near, far, outer, at_level, top
-                )
-            else:
-                slot -= n_shared
-                top = _push_items(
-                    lazy.cache, slot, book.width, slabs, near, far, outer, at_level, top
-                )
+            opens = True
+            if cut is not None:
+                entry = wide(book.parts[part + P_TARGET])
+                if cut.of_entry[entry] != NEVER and item != start:
+                    _load_box(slots, own, cut.box)
+                    middle = _middle_of(cut.box, above)
+                    size = _world_size(cut.linear, at_level, cut.box)
+                    opens = not size < width + spread * max(middle, 0.0)
+                if not opens:
+                    found, t, last = _meet_end(
+                        lazy,
+                        cut,
+                        pool,
+                        small,
+                        item,
+                        above,
+                        inverse,
+                        ray,
+                        middle,
+                        world.tmin,
+                        far,
+                    )
+                    if found == UNDECIDED:
+                        return UNDECIDED
+                    e = tolerance(t)
+                    level = at_level + 1
+                    first = hit == MISS or t < best - e
+                    tied = t <= best + e and comes_first(paths, level, last, HIT_PATH)
+                    if found == HIT and (first or tied):
+                        hit = HIT
+                        best = t
+                        far = min(world.tmax, best + e)
+                        _keep_path(paths, level, last, HIT_PATH)
+                else:
+                    _go_down(cut.linear, at_level, inverse)
+            if opens:
+                at_level += 1
+                store_ray(rays, at_level, ray)
+                slot = open_state(lazy, item, at_level)
+                if slot == FAULT:
+                    return UNDECIDED
+                slabs = make_slabs(ray)
+                if slot < n_shared:
+                    top = _push_items(
+                        lazy.store, slot, book.width, slabs, near, far, outer, at_level, top
+                    )
+                else:
+                    slot -= n_shared
+                    top = _push_items(
+                        lazy.cache, slot, book.width, slabs, near, far, outer, at_level, top
+                    )
         if hit == HIT and want == ANY:
             # Only a solid about the start could still hide it.
             far = min(far, touch)

@@ -37,7 +37,8 @@ RUN, PLACE_CONSTANT, PLACE_TRANSFORM = range(3)
 # Kinds of parts.
 ENTRY, FIXTURE, PRIMITIVE = range(3)
 
-ENTRY_FIELDS, RECIPE_FIELDS, STEP_FIELDS, PART_FIELDS = 4, 4, 6, 8
+ENTRY_FIELDS, RECIPE_FIELDS, STEP_FIELDS, PART_FIELDS = 6, 4, 6, 8
+E_SIDES, E_STAND_IN = 4, 5
 P_KIND, P_TARGET, P_MATRIX, P_VALUES, P_COUNT, P_SHAPE, P_SHAPE_AT, P_SOLID = range(PART_FIELDS)
 
 
@@ -46,9 +47,10 @@ class Rulebook(NamedTuple):
 
     Attributes
     ----------
-    entries : int32 (4 E,)
+    entries : int32 (6 E,)
         Code of the selection function (-1 for none), offset into `rules`, largest number of a
-        rule, number of inputs.
+        rule, number of inputs, offset of the sides in `shapes`, recipe of the stand-in (-1 for
+        none).
     rules : int32
         Recipe of every rule, -1 where there is none; number 0 comes first.
     recipes : int32 (4 R,)
@@ -123,6 +125,7 @@ class _Writer:
         self.fixtures = fixtures
         self.sides = entry_sides(recipes, [f.box for f in fixtures])
         all_recipes = [r for entry in recipes.entries for r in entry.rules.values()]
+        all_recipes += [entry.stand_in for entry in recipes.entries if entry.stand_in]
         self.n_registers = max(r.registers for r in all_recipes) + 1
         self.program = Program({f"r{k}": k for k in range(self.n_registers)})
         self.entries: list[int] = []
@@ -140,16 +143,18 @@ class _Writer:
 
     def write(self) -> Rulebook:
         most_parts = most_values = most_matrices = 1
-        for entry in self.recipes.entries:
+        for k, entry in enumerate(self.recipes.entries):
             select = -1 if entry.select is None else self.program.add([entry.select])
             largest = max(entry.rules)
-            self.entries += [select, len(self.rules), largest, len(entry.inputs)]
+            self.entries += [select, len(self.rules), largest, len(entry.inputs), self.sides_at[k]]
             only = next(iter(entry.rules)) if entry.select is None else -1
             first = len(self.of_recipes) // RECIPE_FIELDS
-            numbers = {number: first + k for k, number in enumerate(entry.rules)}
+            numbers = {number: first + i for i, number in enumerate(entry.rules)}
             # Without a choice the rule taken is found at number 0.
-            self.rules += [numbers.get(k or only, -1) for k in range(largest + 1)]
-            for recipe in entry.rules.values():
+            self.rules += [numbers.get(n or only, -1) for n in range(largest + 1)]
+            self.entries.append(first + len(entry.rules) if entry.stand_in else -1)
+            recipes = [*entry.rules.values(), *([entry.stand_in] if entry.stand_in else [])]
+            for recipe in recipes:
                 self._write_recipe(recipe)
                 most_parts = max(most_parts, len(recipe.parts))
                 most_matrices = max(most_matrices, recipe.matrices)

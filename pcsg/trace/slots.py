@@ -178,15 +178,28 @@ def _make_registers(
 
 
 @njit
-def make_state(
-    book: Rulebook,
-    work: Work,
-    entry: int,
-    out: Slots,
-    slot: int,
-    first_item: int,
+def choose_recipe(book: Rulebook, work: Work, entry: int) -> int:
+    """Return the recipe of an entry whose inputs are in the registers, or FAULT."""
+    at = ENTRY_FIELDS * entry
+    rule = 0
+    if book.entries[at] >= 0:
+        code, constants, stack = book.code, book.code_constants, work.stack
+        status, _ = run(code, constants, book.entries[at], 0, work.registers, 0, stack)
+        if status != OK:
+            return FAULT
+        chosen = np.rint(stack[0])
+        if not (chosen >= 1.0 and chosen <= book.entries[at + 2]):
+            return FAULT
+        rule = int(chosen)
+    recipe: int = book.rules[book.entries[at + 1] + rule]
+    return recipe if recipe >= 0 else FAULT
+
+
+@njit
+def make_parts(
+    book: Rulebook, work: Work, recipe: int, out: Slots, slot: int, first_item: int
 ) -> int:
-    """Make the state of an entry, whose inputs are in the registers, in a slot.
+    """Make the parts of a recipe, whose inputs are in the registers, in a slot.
 
     Parameters
     ----------
@@ -200,18 +213,7 @@ def make_state(
     """
     registers, matrices, stack, box = work.registers, work.matrices, work.stack, work.box
     width, n_values = book.width, book.n_values
-    at = ENTRY_FIELDS * entry
-    rule = 0
-    if book.entries[at] >= 0:
-        status, _ = run(book.code, book.code_constants, book.entries[at], 0, registers, 0, stack)
-        if status != OK:
-            return FAULT
-        chosen = np.rint(stack[0])
-        if not (chosen >= 1.0 and chosen <= book.entries[at + 2]):
-            return FAULT
-        rule = int(chosen)
-    recipe = book.rules[book.entries[at + 1] + rule]
-    if recipe < 0:
+    if recipe == FAULT:
         return FAULT
     recipe *= RECIPE_FIELDS
     if _make_registers(book, work, recipe) != OK:
@@ -268,7 +270,7 @@ def _fill_cache(lazy: Lazy, item: int, level: int) -> int:
     """Make the state of an item in a slot of the cache; return the slot or FAULT."""
     book, cache, heads = lazy.book, lazy.cache, lazy.cache.heads
     shared = len(lazy.store.refs)
-    n_slots = len(heads) // HEAD
+    n_slots = len(heads) // HEAD - 1  # the last one is for stand-ins
     hand: int = lazy.counts[0]
     while True:
         hand = hand + 1 if hand + 1 < n_slots else 0
@@ -280,16 +282,36 @@ def _fill_cache(lazy: Lazy, item: int, level: int) -> int:
         heads[HEAD * hand + H_USED] = 0
     lazy.counts[0] = hand
     lazy.counts[1] += 1
+    heads[HEAD * hand + H_GENERATION] += 1
+    entry = load_inputs(lazy, item)
+    recipe = choose_recipe(book, lazy.work, entry)
+    first_item = shared + hand * book.width
+    n = make_parts(book, lazy.work, recipe, cache, hand, first_item)
+    return FAULT if n == FAULT else hand
+
+
+@njit
+def load_inputs(lazy: Lazy, item: int) -> int:
+    """Write the inputs of an entry's item to the registers and return the entry."""
+    book = lazy.book
+    shared = len(lazy.store.refs)
     source = lazy.store if item < shared else lazy.cache
     own = item if item < shared else item - shared
     part = PART_FIELDS * source.parts[own]
     for k in range(book.parts[part + P_COUNT]):
         lazy.work.registers[k] = source.values[book.n_values * own + k]
-    heads[HEAD * hand + H_GENERATION] += 1
-    first_item = shared + hand * book.width
-    entry = book.parts[part + P_TARGET]
-    n = make_state(book, lazy.work, entry, cache, hand, first_item)
-    return FAULT if n == FAULT else hand
+    entry: int = book.parts[part + P_TARGET]
+    return entry
+
+
+@njit
+def make_stand_in(lazy: Lazy, item: int, recipe: int) -> int:
+    """Make what stands for the state of an item in the cache's last slot; return its first item."""
+    slot = len(lazy.cache.heads) // HEAD - 1
+    first_item = len(lazy.store.refs) + slot * lazy.book.width
+    load_inputs(lazy, item)
+    n = make_parts(lazy.book, lazy.work, recipe, lazy.cache, slot, first_item)
+    return FAULT if n == FAULT else first_item
 
 
 @njit(inline=True)

@@ -20,8 +20,9 @@ from pcsg.trace.slots import (
     Lazy,
     Slots,
     Work,
+    choose_recipe,
+    make_parts,
     make_slots,
-    make_state,
     make_work,
     slot_bytes,
 )
@@ -179,14 +180,8 @@ def _make_children(
         part = PART_FIELDS * slots.parts[item]
         for j in range(book.parts[part + P_COUNT]):
             work.registers[j] = slots.values[book.n_values * item + j]
-        n = make_state(
-            book,
-            work,
-            book.parts[part + P_TARGET],
-            slots,
-            slot,
-            slot * book.width,
-        )
+        recipe = choose_recipe(book, work, book.parts[part + P_TARGET])
+        n = make_parts(book, work, recipe, slots, slot, slot * book.width)
         if n != FAULT:
             made[k] = n
             slots.children[2 * item] = slot

@@ -22,6 +22,7 @@ from pcsg.graph.graph import Graph
 from pcsg.graph.recipes import EntryPart, NoRecipe, make_recipes
 from pcsg.graph.sides import entry_sides
 from pcsg.scene import Scene
+from pcsg.trace.coverage import Footprint
 from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.walker import Walker
 
@@ -157,3 +158,71 @@ def test_what_does_not_depend_on_inputs_is_a_fixture() -> None:
         assert all(len(r.parts) <= 9 for r in entry.rules.values())
     kinds = {type(p) for e in found.entries for r in e.rules.values() for p in r.parts}
     assert EntryPart in kinds
+
+
+def seen_from_afar(graph: Graph, pixels: int, target: tuple[float, float, float]) -> Any:
+    """Return rays through a picture of so many pixels, several each, and their footprint."""
+    rng = np.random.default_rng(8)
+    eye = np.array([14.0, -20.0, 9.0])
+    forward = np.subtract(target, eye)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    place = rng.random((60_000, 2)) * 2.0 - 1.0
+    tangent = 0.12
+    directions = forward + tangent * (
+        place[:, :1] * right + place[:, 1:] * np.cross(right, forward)
+    )
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    n = len(directions)
+    footprint = Footprint(np.zeros(n), np.full(n, 2.0 * tangent / pixels))
+    return np.broadcast_to(eye, (n, 3)).copy(), directions, footprint
+
+
+def brightness(hits: Any) -> float:
+    light = np.clip(hits.normal @ np.array([0.37, -0.55, 0.75]), 0.0, None)
+    return float(light.sum() / len(light))
+
+
+@pytest.mark.parametrize("pixels", [24, 10])
+def test_what_is_smaller_than_a_pixel_covers_as_much_as_it_does(pixels: int) -> None:
+    graph = plant(10)
+    origins, directions, footprint = seen_from_afar(graph, pixels, (0.0, 0.0, 2.0))
+    tracer = make_lazy(graph)
+    whole = tracer.intersect(origins, directions)
+    ended = tracer.intersect(origins, directions, footprint=footprint)
+    assert (whole.leaf != ended.leaf).mean() > 0.05 * whole.mask.mean()  # it did end somewhere
+    assert whole.mask.mean() == pytest.approx(ended.mask.mean(), rel=0.1)
+    assert brightness(whole) == pytest.approx(brightness(ended), rel=0.1)
+    assert whole.color[whole.mask].mean(0) == pytest.approx(
+        ended.color[ended.mask].mean(0), rel=0.1
+    )
+    blocked = tracer.occluded(origins, directions, footprint=footprint)
+    assert blocked.mean() == pytest.approx(whole.mask.mean(), rel=0.1)
+
+
+def test_pictures_with_ends_do_not_depend_on_memory_or_threads() -> None:
+    graph = plant(10)
+    origins, directions, footprint = seen_from_afar(graph, 30, (0.0, 0.0, 2.0))
+    first = make_lazy(graph, threads=1).intersect(origins, directions, footprint=footprint)
+    again = make_lazy(graph, threads=2).intersect(origins, directions, footprint=footprint)
+    assert same_bits(first, again)
+
+
+def test_a_surface_ends_in_its_terminating_rule() -> None:
+    graph = load_file(GRAMMARS / "terrain.pcsg").override({"cnt": 9.0})
+    origins, directions, footprint = seen_from_afar(graph, 40, (0.5, 0.5, 0.1))
+    directions = (directions - directions.mean(0)) * 0.25 + directions.mean(0)
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    footprint = footprint._replace(spread=footprint.spread * 0.25)
+    tracer = make_lazy(graph)
+    whole = tracer.intersect(origins, directions)
+    made = tracer.counts["expansions"]
+    ended = tracer.intersect(origins, directions, footprint=footprint)
+    assert tracer.counts["expansions"] - made < made / 4
+    assert whole.mask.mean() == pytest.approx(ended.mask.mean(), rel=0.02)
+    both = whole.mask & ended.mask
+    # Outlines apart, it is the same surface.
+    assert np.quantile(np.abs(whole.t[both] - ended.t[both]), 0.95) < 0.02
+    assert brightness(whole) == pytest.approx(brightness(ended), rel=0.05)
+    assert whole.color[both].mean(0) == pytest.approx(ended.color[both].mean(0), rel=0.1)
