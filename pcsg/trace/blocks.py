@@ -65,8 +65,10 @@ class Blocks(NamedTuple):
         Kind, first argument, whether it is a sheet, and node number of leaf records.
     args : float64
         Arguments of leaves.
-    attributes : float64 (7 L,)
-        Attribute values of leaf records.
+    attributes : float64 (7 (L + 1),)
+        Attribute values of leaf records, and those of nothing.
+    nodes : int64 (L + 1,)
+        Node numbers of leaf records, and -1.
     operations : int32
         Operator, number of operands, whether there are sheets below; then the operands' first
         blocks. The target of a reference is the index of the first of these.
@@ -85,6 +87,7 @@ class Blocks(NamedTuple):
     leaves: NDArray[np.int32]
     args: NDArray[np.float64]
     attributes: NDArray[np.float64]
+    nodes: NDArray[np.int64]
     operations: NDArray[np.int32]
     smalls: NDArray[np.int32]
     tables: NDArray[np.uint64]
@@ -304,7 +307,8 @@ class _Builder:
             targets=np.array(self.targets or [0], np.int32),
             leaves=np.array(leaves or [(0, 0, 0, 0)], np.int32).ravel(),
             args=np.array(args or [0.0]),
-            attributes=np.array(attributes or ATTRIBUTE_DEFAULTS),
+            attributes=np.array([*attributes, *ATTRIBUTE_DEFAULTS]),
+            nodes=np.array([*(record.node for record in self.groups.leaves), -1]),
             operations=np.array(operations or [0], np.int32),
             smalls=np.array(self.smalls or [0], np.int32),
             tables=np.array(self.tables or [0], np.uint64),

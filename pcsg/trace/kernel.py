@@ -46,7 +46,7 @@ from pcsg.trace.traversal import (
 from pcsg.vec import Ray, load_affine, transform_ray
 
 
-@njit(contract=True)
+@njit(contract=True, inline=True)
 def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int, world: Ray) -> int:
     """Find the first crossing of a ray in [tmin, tmax].
 

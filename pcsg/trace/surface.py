@@ -39,11 +39,6 @@ class Surface(NamedTuple):
     uv: NDArray[np.float64]
     attributes: NDArray[np.float64]
 
-    def put(self, indices: NDArray[np.int64], other: Surface) -> None:
-        """Replace some of the hits."""
-        for mine, theirs in zip(self, other, strict=True):
-            mine[indices] = theirs
-
     def hits(self) -> Hits:
         """Return the same as users see it."""
         a = self.attributes
