@@ -12,7 +12,7 @@ from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_normal
 from pcsg.leaf.registry import ANY, Pool
 from pcsg.trace.found import Found
-from pcsg.trace.kernel import find_exit, find_first
+from pcsg.trace.kernel import Extent, find_exit, find_first
 from pcsg.trace.small import ENTRY, HEADER
 from pcsg.trace.traversal import HIT, HIT_PATH, INSIDE, SLOT, UNDECIDED, Scratch, T, Trees, wide
 from pcsg.vec import Ray, Vec3, load_affine, normalize, transform_normal, transform_ray
@@ -87,6 +87,7 @@ def find_batch(
     pool: Pool,
     scratch: Scratch,
     root: int,
+    extent: Extent,
     want: int,
     origins: NDArray[np.float64],
     directions: NDArray[np.float64],
@@ -101,7 +102,7 @@ def find_batch(
 
     Parameters
     ----------
-    root, want
+    root, extent, want
         As in `find_first`.
     t_min, t_max
         As in `Rays`.
@@ -130,7 +131,7 @@ def find_batch(
         )
         if not _is_sound(ray):
             return BAD_RAY
-        result = find_first(trees, pool, scratch, root, want, ray)
+        result = find_first(trees, pool, scratch, root, extent, want, ray)
         if result == INSIDE:
             # Whether it gets out is a question; through which of coinciding faces, only lists say.
             leaves = want == ANY

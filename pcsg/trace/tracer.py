@@ -18,9 +18,11 @@ from pcsg.trace.blocks import Blocks, build_blocks
 from pcsg.trace.blocks_batch import BAD_RAY, find_batch
 from pcsg.trace.found import Found, FoundHits, make_found
 from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.kernel import Extent
 from pcsg.trace.rays import Rays, check_values, count_processors, run_chunks, shape_rays
 from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, Trees, make_scratch
 from pcsg.trace.walker import Walker
+from pcsg.vec import Vec3
 
 Engine = Literal["auto", "cyclic", "states"]
 """``cyclic`` walks the graph itself, ``states`` its unrolled states; ``auto`` takes the states
@@ -52,6 +54,7 @@ class StatesTracer:
         self._make_walker = walker
         self._lock = threading.Lock()
         self._trees = Trees(*(getattr(self.blocks, name) for name in Trees._fields))
+        self._extent = _extent_of(self.blocks.box)
         self._pool: Pool = (np.zeros(1), np.zeros(1, np.float32), np.zeros(1, np.int32))
         self._local = threading.local()
 
@@ -121,6 +124,7 @@ class StatesTracer:
                 self._pool,
                 self._scratch(),
                 self.blocks.root,
+                self._extent,
                 want,
                 *rays,
                 begin,
@@ -139,6 +143,13 @@ class StatesTracer:
             self._local.scratch = make_scratch()
         scratch: Scratch = self._local.scratch
         return scratch
+
+
+def _extent_of(box: NDArray[np.float64]) -> Extent:
+    """Return where a box is; it may be infinite."""
+    finite = np.where(np.isfinite(box), box, 0.0)
+    middle = Vec3(*(float(x) for x in finite.mean(axis=0)))
+    return Extent(middle, 1000.0 * float(np.abs(finite).max()))
 
 
 _NOWHERE = make_found(0)
