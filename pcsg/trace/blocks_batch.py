@@ -133,9 +133,7 @@ def find_batch(
             return BAD_RAY
         result = find_first(trees, pool, scratch, root, extent, want, ray)
         if result == INSIDE:
-            # Whether it gets out is a question; through which of coinciding faces, only lists say.
-            leaves = want == ANY
-            result = find_exit(trees, pool, scratch, root, ray) if leaves else UNDECIDED
+            result = find_exit(trees, pool, scratch, root, want, ray)
         answers[i] = result
         if describe:
             if result == HIT:

@@ -98,6 +98,7 @@ def find_first(
     at_level = 0
     code = wide(root) << 3 | BLOCK
     paths[HIT_PATH] = 0
+    ordered = want != ANY
     entry = near
     about = 0.0
     if abs(ray.ox) + abs(ray.oy) + abs(ray.oz) > extent.reach:
@@ -132,7 +133,16 @@ def find_first(
                     return UNDECIDED
                 found = True
                 code, entry, top = push_references(
-                    trees.refs, block, met, entries, slabs, entry_t, entry_ref, present, top
+                    trees.refs,
+                    block,
+                    met,
+                    entries,
+                    slabs,
+                    entry_t,
+                    entry_ref,
+                    present,
+                    top,
+                    ordered,
                 )
                 at_level = present
         elif kind in (LEAF, SMALL):
@@ -272,20 +282,32 @@ def step_operation(
 
 
 @njit(contract=True)
-def find_exit(trees: Trees, pool: Pool, scratch: Scratch, root: int, world: Ray) -> int:
-    """Find whether a ray that starts in a solid leaves the union in [tmin, tmax].
+def find_exit(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int, world: Ray) -> int:
+    """Find where a ray that starts in a solid leaves the union in [tmin, tmax].
 
-    Arguments as for `find_first`; HIT, MISS or UNDECIDED.
+    Arguments and answers as for `find_first`, without INSIDE; for ANY there is no path.
     """
+    stay_apart()
+    paths = scratch.paths
     code = wide(root) << 3 | BLOCK
     t = world.tmin - 2.0 * tolerance(world.tmin)
     touch = world.tmin + tolerance(world.tmin)
+    held = PATH * (MAX_DEPTH - 1)
     state, u = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
     if state != 1 or u <= touch:
         return UNDECIDED
     while state == 1 and u <= world.tmax and u < math.inf:
         t = u
+        copy_path(paths, PATH, held)
         state, u = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
-    if state == UNDECIDED:
-        return UNDECIDED
-    return HIT if state == 0 else MISS
+    if state != 0:
+        return MISS if state == 1 else UNDECIDED
+    if want != ANY:
+        if not is_subtracted(trees, paths, held):
+            sure, t = settle_exit(trees, pool, scratch, code, world, t, 0, 0, 0)
+            if not sure:
+                return UNDECIDED
+            copy_path(paths, PATH, held)
+        copy_path(paths, held, HIT_PATH)
+        scratch.small[T] = t
+    return HIT

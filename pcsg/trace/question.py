@@ -130,7 +130,7 @@ def ask(
                     return UNDECIDED, t
                 found = True
                 code, entry, top = push_references(
-                    trees.refs, block, met, entries, slabs, entry_t, entry_ref, present, top
+                    trees.refs, block, met, entries, slabs, entry_t, entry_ref, present, top, True
                 )
                 at_level = present
         elif kind in (LEAF, SMALL):

@@ -337,8 +337,11 @@ def push_references(
     entry_ref: NDArray[np.int64],
     level: int,
     top: int,
+    ordered: bool,
 ) -> tuple[int, float, int]:
     """Push the references that were met, the nearest last, but return the nearest itself.
+
+    Where the order does not matter, any one comes last, and another one is returned.
 
     Returns
     -------
@@ -354,6 +357,16 @@ def push_references(
         return nearest, nearest_t, top
     begin = place(top)
     end = begin
+    if not ordered:
+        while met != NONE:
+            entry_t[end] = nearest_t
+            entry_ref[end] = nearest << 8 | level
+            end += _ONE
+            k = count_trailing_zeros(met)
+            met &= met - _ONE
+            nearest_t = slabs.about + entries[k] * slabs.slowness
+            nearest = wide(refs[base + k])
+        return nearest, nearest_t, wide(end)
     while met != NONE:
         k = count_trailing_zeros(met)
         met &= met - _ONE
