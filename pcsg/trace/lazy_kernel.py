@@ -23,7 +23,7 @@ from pcsg.simd import WIDTH, count_trailing_zeros
 from pcsg.slabs import Slabs, make_slabs, meet_block, wide
 from pcsg.trace.coverage import Coverage, draw_hit
 from pcsg.trace.groups import SUSPENDED
-from pcsg.trace.kernel import find_first
+from pcsg.trace.kernel import Extent, find_first
 from pcsg.trace.merge import tolerance
 from pcsg.trace.rulebook import (
     E_STAND_IN,
@@ -53,9 +53,12 @@ from pcsg.trace.traversal import (
     make_scratch,
     store_ray,
 )
-from pcsg.vec import Affine, Ray, determinant, load_affine, transform_ray
+from pcsg.vec import Affine, Ray, Vec3, determinant, load_affine, transform_ray
 
 _U1 = np.uint64(1)
+
+
+_NEAR_ORIGIN = Extent(Vec3(0.0, 0.0, 0.0), 0.0)
 
 
 class LazyScratch(NamedTuple):
@@ -67,18 +70,23 @@ class LazyScratch(NamedTuple):
         Its `HIT_PATH` leads to the first hit's item by places in the text.
     inner
         For the kernel of blocks.
+    entries : float64 (4,)
+        Where a ray enters the boxes of a block.
     path : int32
         The path that leads on from a fixture to the first hit, its length first.
     """
 
     outer: Scratch
     inner: Scratch
+    entries: NDArray[np.float64]
     path: NDArray[np.int32]
 
 
 def make_lazy_scratch() -> LazyScratch:
     """Return working space for one thread."""
-    return LazyScratch(make_scratch(), make_scratch(), np.zeros(PATH + 2, np.int32))
+    return LazyScratch(
+        make_scratch(), make_scratch(), np.zeros(WIDTH), np.zeros(PATH + 2, np.int32)
+    )
 
 
 @njit
@@ -98,20 +106,21 @@ def _push_items(
     slabs: Slabs,
     near: float,
     far: float,
-    scratch: Scratch,
+    scratch: LazyScratch,
     level: int,
     top: int,
 ) -> int:
     """Push the items of a slot whose boxes a ray meets, the nearest last; return the new top."""
-    entry_t, entry_ref, small = scratch.entry_t, scratch.entry_ref, scratch.small
+    entry_t, entry_ref = scratch.outer.entry_t, scratch.outer.entry_ref
+    entries = scratch.entries
     begin = top
     for block in range((slots.heads[HEAD * slot + H_PARTS] + WIDTH - 1) // WIDTH):
         base = slot * width + WIDTH * block
-        met = meet_block(slots.boxes, base // WIDTH, slabs, near, far, small)
+        met = meet_block(slots.boxes, base // WIDTH, slabs, near, far, entries)
         while met != NONE:
             k = wide(count_trailing_zeros(met))
             met &= met - _U1
-            t = small[k]
+            t = entries[k]
             p = top
             while p > begin and entry_t[p - 1] < t:
                 entry_t[p] = entry_t[p - 1]
@@ -179,8 +188,7 @@ def _world_size(linear: NDArray[np.float64], level: int, box: NDArray[np.float64
     """
     at = _LEVEL * level + 9
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
-    size = math.sqrt(x * x * linear[at] + y * y * linear[at + 1] + z * z * linear[at + 2])
-    return size
+    return math.sqrt(x * x * linear[at] + y * y * linear[at + 1] + z * z * linear[at + 2])
 
 
 @njit(inline=True)
@@ -204,7 +212,8 @@ def _middle_of(box: NDArray[np.float64], ray: Ray) -> float:
 def _area_of(box: NDArray[np.float64], ray: Ray) -> float:
     """Return how large a box looks along a ray, times the length of the ray's direction."""
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
-    return abs(ray.dx) * y * z + abs(ray.dy) * z * x + abs(ray.dz) * x * y
+    area: float = abs(ray.dx) * y * z + abs(ray.dy) * z * x + abs(ray.dz) * x * y
+    return area
 
 
 @njit
@@ -307,7 +316,7 @@ def find_first_lazy(
     at_level = 0
     code = wide(start) << 3 | SUSPENDED
     paths[HIT_PATH] = 0
-    store_ray(rays, 0, world)
+    store_ray(rays, 0, world, 0.0)
     if cut is not None:
         for k in range(12):
             cut.linear[k] = 1.0 if k % 4 == 0 or k > 8 else 0.0
@@ -347,7 +356,9 @@ def find_first_lazy(
         elif book.parts[part + P_KIND] == FIXTURE:
             block = wide(book.parts[part + P_TARGET])
             limited = Ray(ray.ox, ray.oy, ray.oz, ray.dx, ray.dy, ray.dz, world.tmin, far)
-            found = find_first(trees, pool, inner, block, want, limited)
+            found = find_first(
+                trees, pool, inner, block, Extent(Vec3(0.0, 0.0, 0.0), 0.0), want, limited
+            )
             if found == HIT:
                 t = inner.small[T]
                 e = tolerance(t)
@@ -403,19 +414,19 @@ def find_first_lazy(
                     _go_down(cut.linear, at_level, inverse)
             if opens:
                 at_level += 1
-                store_ray(rays, at_level, ray)
+                store_ray(rays, at_level, ray, 0.0)
                 slot = open_state(lazy, item, at_level)
                 if slot == FAULT:
                     return UNDECIDED
                 slabs = make_slabs(ray)
                 if slot < n_shared:
                     top = _push_items(
-                        lazy.store, slot, book.width, slabs, near, far, outer, at_level, top
+                        lazy.store, slot, book.width, slabs, near, far, scratch, at_level, top
                     )
                 else:
                     slot -= n_shared
                     top = _push_items(
-                        lazy.cache, slot, book.width, slabs, near, far, outer, at_level, top
+                        lazy.cache, slot, book.width, slabs, near, far, scratch, at_level, top
                     )
         if hit == HIT and want == ANY:
             # Only a solid about the start could still hide it.

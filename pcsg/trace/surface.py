@@ -42,10 +42,14 @@ class Surface(NamedTuple):
     uv: NDArray[np.float64]
     attributes: NDArray[np.float64]
 
-    def put(self, indices: NDArray[np.int64], other: Surface) -> None:
-        """Replace some of the hits."""
-        for mine, theirs in zip(self, other, strict=True):
-            mine[indices] = theirs
+    def put(self, indices: NDArray[np.int64], other: Hits) -> None:
+        """Take some of the hits from elsewhere."""
+        self.t[indices], self.leaf[indices] = other.t, other.leaf
+        self.position[indices], self.normal[indices] = other.position, other.normal
+        self.uv[indices] = other.uv
+        self.attributes[indices] = np.column_stack(
+            [other.color, other.material, other.texture, other.texture_scale, other.label]
+        )
 
     def hits(self) -> Hits:
         """Return the same as users see it."""

@@ -181,9 +181,9 @@ class Walker:
         EvaluationFault
             A ray met a fault of the grammar.
         """
-        return self.find_surfaces(check_rays(origins, directions, t_min, t_max)).hits()
+        return self.find_surfaces(check_rays(origins, directions, t_min, t_max))
 
-    def find_surfaces(self, rays: Rays) -> Surface:
+    def find_surfaces(self, rays: Rays) -> Hits:
         """Find the first crossings of checked rays."""
         out = make_surface(len(rays.origins))
 
@@ -192,7 +192,7 @@ class Walker:
             return status, i
 
         self._run(len(rays.origins), work)
-        return out
+        return out.hits()
 
     def occluded(
         self,
