@@ -67,10 +67,20 @@ def _common(
 def render(
     file: File,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="OUT", help="Picture (.png).")
+        Path | None, typer.Option("-o", "--output", metavar="OUT", help="Picture (.png, .exr).")
     ] = None,
     size: Annotated[str, typer.Option(metavar="WxH", help="In pixels.")] = "800x600",
     samples: Annotated[int, typer.Option(help="Most samples per pixel.")] = 16,
+    mode: Annotated[
+        str | None,
+        typer.Option(help="preview, direct or path; default the grammar's.", show_default=False),
+    ] = None,
+    exposure: Annotated[
+        float | None, typer.Option(help="In stops; 1 is twice as bright.", show_default=False)
+    ] = None,
+    view: Annotated[
+        str | None, typer.Option(help="standard or filmic.", show_default=False)
+    ] = None,
     assignments: Assignments = [],  # noqa: B006 - typer copies defaults
     seed: Seed = None,
     time: Time = None,
@@ -87,8 +97,20 @@ def render(
         str, typer.Option(metavar="KEYS", help='A plane below: "z=auto", "z=0 material=grass".')
     ] = "",
     aov: Annotated[
-        str, typer.Option(metavar="LIST", help="Layers to write beside: depth,normal,label.")
+        str,
+        typer.Option(metavar="LIST", help="Layers to write: depth,normal,albedo,label,leaf."),
     ] = "",
+    bits: Annotated[int, typer.Option(help="Of each colour of a .png: 8 or 16.")] = 8,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the checkpoint of a stopped run.")
+    ] = False,
+    tile: Annotated[
+        str | None,
+        typer.Option(metavar="I/N", help="Part I of N of the rows; the last one joins them."),
+    ] = None,
+    show_every: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Write the picture so far now and then.")
+    ] = None,
     threads: Annotated[
         int | None, typer.Option(help="Default: one per processor.", show_default=False)
     ] = None,
@@ -111,8 +133,22 @@ def render(
             assignments=assignments,
             seed=seed,
             time=time,
-            settings={"camera": camera, "sun": sun, "sky": sky, "ground": ground},
+            settings={
+                "camera": camera,
+                "sun": sun,
+                "sky": sky,
+                "ground": ground,
+                "film": " ".join(
+                    f"{key}={value}"
+                    for key, value in (("mode", mode), ("exposure", exposure), ("view", view))
+                    if value is not None
+                ),
+            },
             aov=aov,
+            bits=bits,
+            tile=tile,
+            resume=resume,
+            show_every=show_every,
             threads=threads,
             include=include,
             max_memory=max_memory,

@@ -16,7 +16,7 @@ from pcsg.errors import GrammarError, UsageError
 from pcsg.graph.bounds import HyperBoxes, hyper_boxes
 from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, unit
 from pcsg.graph.graph import GLOBALS, Graph
-from pcsg.graph.nodes import Combinable, as_node
+from pcsg.graph.nodes import Combinable, Leaf, as_node
 from pcsg.graph.states import StateGraph, enumerate_states
 from pcsg.graph.stats import graph_stats
 from pcsg.graph.text import to_pcsg
@@ -192,6 +192,11 @@ class Scene:
     def source_hash(self) -> str:
         """Digest of the grammar with its overrides, in hexadecimal."""
         return hashlib.sha256(self.to_pcsg().encode()).hexdigest()[:16]
+
+    @cached_property
+    def sheets(self) -> NDArray[np.bool_]:
+        """Which nodes of the graph are sheets, bool (nodes,): leaves without an inside."""
+        return np.array([isinstance(n, Leaf) and n.solid.sheet for n in self.graph.nodes])
 
     def setting_values(self, kind: str) -> list[dict[str, Any]]:
         """Return the settings of a kind, defaults filled in, None where automatic."""
