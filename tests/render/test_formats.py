@@ -76,14 +76,14 @@ def test_exr_holds_linear_light_and_layers(tmp_path):
         tmp_path / "a.exr"
     ]
     with library.File(str(tmp_path / "a.exr")) as file:
-        channels, header = file.channels(), file.header()
+        channels = file.channels()
+        assert file.header()["pcsg:size"] == "24x18"
         assert np.array_equal(channels["RGB"].pixels, made.rgb)
         assert np.array_equal(channels["Z"].pixels, made.depth)
         assert np.array_equal(channels["label"].pixels, made.label)
         assert np.array_equal(channels["leaf"].pixels, made.leaf)
         names = set(channels)
         assert {"normal", "albedo"} <= {n.split(".")[0] for n in names}
-    assert header["pcsg:size"] == "24x18"
     np.testing.assert_array_equal(read_linear(tmp_path / "a.exr"), made.rgb)
 
 
