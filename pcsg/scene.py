@@ -251,6 +251,11 @@ class Scene:
         text = "\n".join([to_pcsg(self.graph, abridged=True), *digests])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
+    @cached_property
+    def sheets(self) -> NDArray[np.bool_]:
+        """Which nodes of the graph are sheets, bool (nodes,): leaves without an inside."""
+        return np.array([isinstance(n, Leaf) and n.is_sheet for n in self.graph.nodes])
+
     def setting_values(self, kind: str) -> list[dict[str, Any]]:
         """Return the settings of a kind, defaults filled in, None where automatic."""
         return setting_values(self.graph, kind, axiom_values(self.graph, self.values))

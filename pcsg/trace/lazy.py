@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,6 +75,10 @@ class LazyTracer:
     block_memory
         Bytes of the states that are made beforehand; results do not depend on it.
     """
+
+    takes_footprints = True
+    kernel: Any = find_batch_lazy
+    """The compiled entry."""
 
     def __init__(
         self,

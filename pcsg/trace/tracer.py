@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Callable
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +42,9 @@ class StatesTracer:
     threads
         Most threads of one call; by default one for each processor.
     """
+
+    kernel: Any = find_batch
+    """The compiled entry."""
 
     def __init__(
         self,
