@@ -40,6 +40,10 @@ from pcsg.vec import IDENTITY, Affine
 OPEN_ROOT, OPEN_GROUP = 1_000, 64
 """References up to which the root and the other groups are opened."""
 
+OPEN_WHOLE = 5_000
+"""A root that has no more than this of leaves and operations is opened until no instance is left:
+rays then never change their frame."""
+
 OPEN_TOTAL = 20_000
 """References of all groups, about, so that many groups are opened less."""
 
@@ -144,6 +148,7 @@ class _Builder:
         self.tables: list[int] = []
         self.sheets = self._sheets()
         self.small_at: dict[int, int | None] = {}
+        self.counts: dict[int, int] = {}
         self.wanted: list[int] = []  # groups that references lead to
         self.limit = min(OPEN_GROUP, OPEN_TOTAL // max(1, len(groups.groups)))
 
@@ -172,7 +177,9 @@ class _Builder:
 
     def _open(self, g: int) -> list[_Cut]:
         """Return the references of a group, its largest instances opened, in the text's order."""
-        limit = OPEN_ROOT if g == self.groups.root else self.limit
+        limit = self.limit
+        if g == self.groups.root:
+            limit = max(OPEN_ROOT, self._count(g) if self._count(g) <= OPEN_WHOLE else 0)
         cuts: dict[tuple[int, ...], _Cut] = {
             (k,): _Cut((k,), r, self.hulls.box(r.hull)) for k, r in enumerate(self.groups.groups[g])
         }
@@ -203,6 +210,15 @@ class _Builder:
                 cuts[cut.path] = cut
                 offer(cut)
         return [cuts[path] for path in sorted(cuts)]
+
+    def _count(self, g: int) -> int:
+        """Return how many references a group has when no instance is left in it."""
+        if g not in self.counts:
+            # Groups refer to groups that were found before them.
+            self.counts[g] = sum(
+                self._count(r.target) if r.kind == INSTANCE else 1 for r in self.groups.groups[g]
+            )
+        return self.counts[g]
 
     def _emit_reference(self, r: Reference) -> int:
         """Append a reference and return its code."""

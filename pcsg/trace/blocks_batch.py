@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_normal
-from pcsg.leaf.registry import ANY, Pool
+from pcsg.leaf.registry import Pool
 from pcsg.trace.found import Found
+from pcsg.trace.indices import wide
 from pcsg.trace.kernel import Extent, find_exit, find_first
 from pcsg.trace.small import ENTRY, HEADER
-from pcsg.trace.traversal import HIT, HIT_PATH, INSIDE, SLOT, UNDECIDED, Scratch, T, Trees, wide
+from pcsg.trace.traversal import HIT, HIT_PATH, INSIDE, SLOT, Scratch, T, Trees
 from pcsg.vec import Ray, Vec3, load_affine, normalize, transform_normal, transform_ray
 
 OK, BAD_RAY = 0, 1

@@ -16,6 +16,7 @@ from typing import NamedTuple
 from pcsg.jit import njit
 from pcsg.leaf.registry import ANY, Pool
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
+from pcsg.trace.indices import place, wide
 from pcsg.trace.merge import tolerance
 from pcsg.trace.question import ask, is_subtracted, settle_exit
 from pcsg.trace.simd import WIDTH, stay_apart
@@ -42,11 +43,9 @@ from pcsg.trace.traversal import (
     load_ray,
     make_slabs,
     meet_block,
-    place,
     precedes,
     push_references,
     store_ray,
-    wide,
 )
 from pcsg.vec import Ray, Vec3, load_affine, transform_ray
 
@@ -147,7 +146,9 @@ def find_first(
                 at_level = present
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
-            n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level))
+            n = cross_reference(
+                trees, pool, scratch, kind, index, load_ray(rays, at_level), near, far
+            )
             for k in range(ENDS, n, 2):
                 lo, hi = small[place(k)], small[place(k + 1)]
                 if kind == LEAF and is_sheet(trees, index):
@@ -160,7 +161,9 @@ def find_first(
                 if lo > world.tmax:
                     break
                 e = tolerance(lo)
-                if (
+                if want == ANY:
+                    hit = HIT
+                elif (
                     hit == MISS
                     or lo < best - e
                     or (lo <= best + e and comes_first(paths, at_level, index, HIT_PATH))

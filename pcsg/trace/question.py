@@ -18,6 +18,7 @@ from pcsg.graph.operators import DIFFERENCE
 from pcsg.jit import njit
 from pcsg.leaf.registry import Pool
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
+from pcsg.trace.indices import wide
 from pcsg.trace.merge import tolerance
 from pcsg.trace.simd import WIDTH
 from pcsg.trace.traversal import (
@@ -43,7 +44,6 @@ from pcsg.trace.traversal import (
     precedes,
     push_references,
     store_ray,
-    wide,
 )
 from pcsg.vec import Ray, load_affine, transform_ray
 
@@ -135,7 +135,7 @@ def ask(
                 at_level = present
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
-            n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level))
+            n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level), t, far)
             for k in range(ENDS, n, 2):
                 lo, hi = small[k], small[k + 1]
                 if hi <= beyond or hi <= lo:

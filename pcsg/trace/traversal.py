@@ -17,6 +17,7 @@ from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, Pool
 from pcsg.trace.groups import LEAF, SMALL
+from pcsg.trace.indices import place, wide
 from pcsg.trace.simd import WIDTH, count_trailing_zeros, meet_boxes, prepare_ray
 from pcsg.trace.small import ENTRY, HEADER, small_crossings
 from pcsg.vec import Ray, load_affine, transform_ray
@@ -124,18 +125,6 @@ def make_scratch() -> Scratch:
         entries=np.zeros(WIDTH, np.float32),
         visits=np.zeros(3, np.int64),
     )
-
-
-@njit(inline=True)
-def wide(x: int | np.uint64) -> int:
-    """Return an integer with 64 bits, wherever it comes from."""
-    return np.int64(x)  # type: ignore[return-value]  # to numba it is an int
-
-
-@njit(inline=True)
-def place(x: int) -> np.uint64:
-    """Return a number that is not negative as an index, which then needs no test of its sign."""
-    return np.uint64(x)
 
 
 class Slabs(NamedTuple):
@@ -254,9 +243,19 @@ def _keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None
 
 @njit(inline=True)
 def cross_reference(
-    trees: Trees, pool: Pool, scratch: Scratch, kind: int, index: int, ray: Ray
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    kind: int,
+    index: int,
+    ray: Ray,
+    low: float,
+    high: float,
 ) -> int:
-    """Write the crossings of a leaf or a small operation to `Scratch.small` from `ENDS` on."""
+    """Write the crossings of a leaf or a small operation to `Scratch.small` from `ENDS` on.
+
+    A small operation leaves out what lies before `low` or beyond `high`, if it likes.
+    """
     inner = transform_ray(load_affine(trees.inverses, 12 * index), ray)
     target = wide(trees.targets[place(index)])
     if kind == LEAF:
@@ -273,6 +272,8 @@ def cross_reference(
         pool,
         target,
         inner,
+        low,
+        high,
         scratch.small,
         ENDS,
         scratch.slots,
