@@ -217,6 +217,15 @@ def graph(
     run(file, output, include)
 
 
+@app.command()
+@guard
+def warmup(json: Json = False) -> None:
+    """Compile all kernels now, so that the first picture need not wait."""
+    from pcsg.commands.warmup import run
+
+    run(json)
+
+
 def main() -> None:
     """Run the command line."""
     app()

@@ -43,6 +43,10 @@ from pcsg.vec import IDENTITY, Affine, Vec3
 OPEN_ROOT, OPEN_GROUP = 1_000, 64
 """References up to which the root and the other groups are opened."""
 
+OPEN_WHOLE = 5_000
+"""A root that has no more than this of leaves and operations is opened until no instance is left:
+rays then never change their frame."""
+
 OPEN_TOTAL = 20_000
 """References of all groups, about, so that many groups are opened less."""
 
@@ -79,6 +83,8 @@ class Blocks(NamedTuple):
         Records of small operations, see `small.HEADER`.
     tables : uint64
         Their truth tables.
+    ref_boxes : float32 (6 R,)
+        Boxes of references, in the frame of their group.
     root : int
         First block of the axiom.
     box : (2, 3) float64
@@ -96,6 +102,7 @@ class Blocks(NamedTuple):
     operations: NDArray[np.int32]
     smalls: NDArray[np.int32]
     tables: NDArray[np.uint64]
+    ref_boxes: NDArray[np.float32]
     root: int
     box: NDArray[np.float64]
 
@@ -172,6 +179,7 @@ class _Builder:
         self.refs: list[list[int]] = []
         self.inverses: list[Affine] = []
         self.targets: list[int] = []
+        self.ref_boxes: dict[int, Bounds] = {}
         self.pending: list[tuple[int, int]] = []  # reference, group: its first block comes later
         self.of_operations: list[int] = []
         self.first_block: dict[int, int] = {}
@@ -179,6 +187,7 @@ class _Builder:
         self.tables: list[int] = []
         self.sheets = self._sheets()
         self.small_at: dict[int, int | None] = {}
+        self.counts: dict[int, int] = {}
         self.wanted: list[int] = []  # groups that references lead to
         self.limit = min(OPEN_GROUP, OPEN_TOTAL // max(1, len(groups.groups)))
 
@@ -198,7 +207,7 @@ class _Builder:
 
     def _build_group(self, g: int) -> int:
         cuts = self._open(g)
-        numbers = [self._emit_reference(cut.reference) for cut in cuts]
+        numbers = [self._emit_reference(cut) for cut in cuts]
         boxes = np.array([cut.box for cut in cuts])
         pad = 1e-9 * np.maximum(np.abs(np.where(np.isfinite(boxes), boxes, 0.0)).max(axis=1), 1e-3)
         boxes[:, :3] -= pad[:, None]
@@ -207,7 +216,9 @@ class _Builder:
 
     def _open(self, g: int) -> list[_Cut]:
         """Return the references of a group, its largest instances opened, in the text's order."""
-        limit = OPEN_ROOT if g == self.groups.root else self.limit
+        limit = self.limit
+        if g == self.groups.root:
+            limit = max(OPEN_ROOT, self._count(g) if self._count(g) <= OPEN_WHOLE else 0)
         cuts: dict[tuple[int, ...], _Cut] = {
             (k,): _Cut((k,), r, self.hulls.box(r.hull)) for k, r in enumerate(self.groups.groups[g])
         }
@@ -239,9 +250,20 @@ class _Builder:
                 offer(cut)
         return [cuts[path] for path in sorted(cuts)]
 
-    def _emit_reference(self, r: Reference) -> int:
+    def _count(self, g: int) -> int:
+        """Return how many references a group has when no instance is left in it."""
+        if g not in self.counts:
+            # Groups refer to groups that were found before them.
+            self.counts[g] = sum(
+                self._count(r.target) if r.kind == INSTANCE else 1 for r in self.groups.groups[g]
+            )
+        return self.counts[g]
+
+    def _emit_reference(self, cut: _Cut) -> int:
         """Append a reference and return its code."""
+        r = cut.reference
         n = len(self.targets)
+        self.ref_boxes[n] = cut.box
         self.inverses.append(invert_affine(r.group_from_target)[0])
         self.targets.append(r.target)
         if r.kind == INSTANCE:
@@ -348,9 +370,16 @@ class _Builder:
             operations=np.array(operations or [0], np.int32),
             smalls=np.array(self.smalls or [0], np.int32),
             tables=np.array(self.tables or [0], np.uint64),
+            ref_boxes=self._ref_boxes(),
             root=self.first_block.get(self.groups.root, 0),
             box=self._box(),
         )
+
+    def _ref_boxes(self) -> NDArray[np.float32]:
+        boxes = np.zeros((max(1, len(self.targets)), 6), np.float32)
+        for n, box in self.ref_boxes.items():
+            boxes[n] = box
+        return boxes.ravel()
 
     def _box(self) -> NDArray[np.float64]:
         root = self.groups.root

@@ -16,15 +16,14 @@ from numpy.typing import NDArray
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, Pool
+from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import LEAF, SMALL
+from pcsg.trace.indices import place, wide
 from pcsg.trace.simd import WIDTH, count_trailing_zeros, meet_boxes, prepare_ray
 from pcsg.trace.small import ENTRY, HEADER, small_crossings
 from pcsg.vec import Ray, load_affine, transform_ray
 
 MISS, HIT, INSIDE, UNDECIDED = 0, 1, 2, -1
-
-MAX_DEPTH = 120
-"""Levels of instances and operations; deeper rays are undecided."""
 
 STACK = 4_096
 PATH = MAX_DEPTH + 4
@@ -124,18 +123,6 @@ def make_scratch() -> Scratch:
         entries=np.zeros(WIDTH, np.float32),
         visits=np.zeros(3, np.int64),
     )
-
-
-@njit(inline=True)
-def wide(x: int | np.uint64) -> int:
-    """Return an integer with 64 bits, wherever it comes from."""
-    return np.int64(x)  # type: ignore[return-value]  # to numba it is an int
-
-
-@njit(inline=True)
-def place(x: int) -> np.uint64:
-    """Return a number that is not negative as an index, which then needs no test of its sign."""
-    return np.uint64(x)
 
 
 class Slabs(NamedTuple):
@@ -244,7 +231,7 @@ def load_beginning(rays: NDArray[np.float64], level: int) -> float:
 
 
 @njit
-def _keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None:
+def keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None:
     """Copy the present path down to a level, and its last reference."""
     paths[at] = level + 1
     for k in range(level):
@@ -254,9 +241,19 @@ def _keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None
 
 @njit(inline=True)
 def cross_reference(
-    trees: Trees, pool: Pool, scratch: Scratch, kind: int, index: int, ray: Ray
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    kind: int,
+    index: int,
+    ray: Ray,
+    low: float,
+    high: float,
 ) -> int:
-    """Write the crossings of a leaf or a small operation to `Scratch.small` from `ENDS` on."""
+    """Write the crossings of a leaf or a small operation to `Scratch.small` from `ENDS` on.
+
+    A small operation leaves out what lies before `low` or beyond `high`, if it likes.
+    """
     inner = transform_ray(load_affine(trees.inverses, 12 * index), ray)
     target = wide(trees.targets[place(index)])
     if kind == LEAF:
@@ -273,6 +270,8 @@ def cross_reference(
         pool,
         target,
         inner,
+        low,
+        high,
         scratch.small,
         ENDS,
         scratch.slots,
@@ -285,7 +284,7 @@ def keep_surface(
 ) -> None:
     """Keep the path to the surface that crossing k belongs to."""
     paths = scratch.paths
-    _keep_path(paths, level, index, at)
+    keep_path(paths, level, index, at)
     if kind == SMALL:
         slot = scratch.slots[k - ENDS]
         paths[at] = level + 3
