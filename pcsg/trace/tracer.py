@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.graph import Graph
-from pcsg.graph.liveness import successors_first
 from pcsg.graph.states import StateGraph
 from pcsg.leaf.registry import FIRST
 from pcsg.trace.blocks import Blocks, build_blocks
 from pcsg.trace.blocks_batch import BAD_RAY, find_batch
 from pcsg.trace.coverage import (
     BINS,
-    FINENESS,
     NO_FOOTPRINT,
     RAYS_PER_BIN,
     Collected,
@@ -32,7 +30,7 @@ from pcsg.trace.coverage import (
 )
 from pcsg.trace.ends import NEVER
 from pcsg.trace.found import Found, FoundHits, make_found
-from pcsg.trace.groups import BLOCK, INSTANCE
+from pcsg.trace.groups import INSTANCE
 from pcsg.trace.hits import Hits
 from pcsg.trace.kernel import Cut, Extent
 from pcsg.trace.pool import pool_of
@@ -148,34 +146,35 @@ class StatesTracer(StatesEngine):
 
     @cached_property
     def _measured(self) -> Ends:
-        """Measure what instances lead to, each after what is in it."""
+        """Measure what instances lead to."""
         blocks = self.blocks
         kinds = blocks.refs & 7
         instances = np.unique(blocks.refs[kinds == INSTANCE] >> 3)
         below = blocks.targets[instances]
         of_place = np.full(len(blocks.targets), NEVER, np.int32)
-        targets = _inner_first(blocks, [int(b) for b in np.unique(below)])
+        targets = [int(block) for block in np.unique(below)]
         per_bin = int(np.clip(RAYS_IN_ALL // (BINS * max(1, len(targets))), 4, RAYS_PER_BIN))
         collected: list[Collected] = []
         for target in targets:
             box = _box_of(blocks, target)
             if np.isfinite(box).all() and (box[:3] <= box[3:]).all():
-                ends = Ends(gather_coverage(collected), of_place)
-                found = measure(box, self._sampler(target, box, ends), target, per_bin)
                 of_place[instances[below == target]] = len(collected)
-                collected.append(found)
+                collected.append(measure(box, self._sampler(target, box), target, per_bin))
         return Ends(gather_coverage(collected), of_place)
 
-    def _sampler(self, target: int, box: Floats, ends: Ends) -> Callable[[Floats, Floats], Sampled]:
+    def _sampler(self, target: int, box: Floats) -> Callable[[Floats, Floats], Sampled]:
+        """Return what casts rays through a group, all of it."""
         extent = _extent_of(box.reshape(2, 3))
-        size = float(np.linalg.norm(box[3:] - box[:3]))
+
+        # Nothing ends here, but the kernel is the one that pictures need anyway.
+        ends = Ends(gather_coverage([]), np.full(len(self.blocks.targets), NEVER, np.int32))
 
         def cast(origins: Floats, directions: Floats) -> Sampled:
             n = len(origins)
-            footprint = Footprint(np.full(n, FINENESS * size), np.zeros(n))
+            wide = Footprint(np.zeros(n), np.zeros(n))
             out = make_found(n)
             rays = shape_rays(origins, directions, 0.0, math.inf)
-            answers = self._cast(rays, FIRST, out, footprint, ends, target, extent)
+            answers = self._cast(rays, FIRST, out, wide, ends, target, extent)
             return Sampled(
                 answers == HIT, out.normal, np.zeros((n, 0)), out.record.astype(np.int64)
             )
@@ -187,27 +186,6 @@ def _box_of(blocks: Blocks, block: int) -> Floats:
     """Return the box of a group, from the boxes of its first block."""
     planes = blocks.boxes[6 * WIDTH * block : 6 * WIDTH * (block + 1)].reshape(6, WIDTH)
     return np.concatenate([planes[:3].min(axis=1), planes[3:].max(axis=1)]).astype(np.float64)
-
-
-def _inner_first(blocks: Blocks, targets: list[int]) -> list[int]:
-    """Return the first blocks of groups, each after those that instances in it lead to."""
-    number = {block: k for k, block in enumerate(targets)}
-    below: list[list[int]] = []
-    for target in targets:
-        found: dict[int, None] = {}
-        seen = {target}
-        stack = [target]
-        while stack:
-            block = stack.pop()
-            for code in blocks.refs[WIDTH * block : WIDTH * (block + 1)].tolist():
-                kind, index = code & 7, code >> 3
-                if kind == INSTANCE:
-                    found[number[int(blocks.targets[index])]] = None
-                elif kind == BLOCK and index not in seen:
-                    seen.add(index)
-                    stack.append(index)
-        below.append(list(found))
-    return [targets[k] for k in successors_first(below)]
 
 
 def _extent_of(box: NDArray[np.float64]) -> Extent:
