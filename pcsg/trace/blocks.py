@@ -122,7 +122,6 @@ class _Cut(NamedTuple):
 
     path: tuple[int, ...]
     reference: Reference
-    box: Bounds
 
 
 def build_blocks(graph: Graph, states: StateGraph) -> Blocks:
@@ -169,7 +168,7 @@ class _Builder:
     def _build_group(self, g: int) -> int:
         cuts = self._open(g)
         numbers = [self._emit_reference(cut.reference) for cut in cuts]
-        boxes = np.array([cut.box for cut in cuts])
+        boxes = np.array([self.hulls.box(cut.reference.hull) for cut in cuts])
         pad = 1e-9 * np.maximum(np.abs(np.where(np.isfinite(boxes), boxes, 0.0)).max(axis=1), 1e-3)
         boxes[:, :3] -= pad[:, None]
         boxes[:, 3:] += pad[:, None]
@@ -181,13 +180,14 @@ class _Builder:
         if g == self.groups.root:
             limit = max(OPEN_ROOT, self._count(g) if self._count(g) <= OPEN_WHOLE else 0)
         cuts: dict[tuple[int, ...], _Cut] = {
-            (k,): _Cut((k,), r, self.hulls.box(r.hull)) for k, r in enumerate(self.groups.groups[g])
+            (k,): _Cut((k,), r) for k, r in enumerate(self.groups.groups[g])
         }
         heap: list[tuple[float, tuple[int, ...]]] = []
 
         def offer(cut: _Cut) -> None:
             if cut.reference.kind == INSTANCE:
-                heappush(heap, (-_area(cut.box), cut.path))
+                area = _area(self.hulls.loose_box(cut.reference.hull))
+                heappush(heap, (-area, cut.path))
 
         for cut in cuts.values():
             offer(cut)
@@ -206,7 +206,7 @@ class _Builder:
                     compose_affine(m, r.group_from_target),
                     Part(compose_affine(m, r.hull.outer_from_inner), r.hull.hull),
                 )
-                cut = _Cut((*path, k), moved, self.hulls.box(moved.hull))
+                cut = _Cut((*path, k), moved)
                 cuts[cut.path] = cut
                 offer(cut)
         return [cuts[path] for path in sorted(cuts)]
