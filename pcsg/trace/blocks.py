@@ -1,7 +1,7 @@
 """Groups as small wide bounding volume hierarchies.
 
 Every group is opened: its largest instances are replaced by their references until there are
-about 64 (1,000 for the root), and a tree of blocks of eight boxes is built over those. Cyclic
+about 64 (1,000 for the root), and a tree of blocks of sixteen boxes is built over those. Cyclic
 interpretation, the graph of states and opened cuts are one design with one knob, and more than
 this no longer helps.
 """
@@ -147,7 +147,6 @@ class _Builder:
         self.tables: list[int] = []
         self.sheets = self._sheets()
         self.small_at: dict[int, int | None] = {}
-        self.counts: dict[int, int] = {}
         self.wanted: list[int] = []  # groups that references lead to
         self.limit = min(OPEN_GROUP, OPEN_TOTAL // max(1, len(groups.groups)))
 
@@ -178,7 +177,8 @@ class _Builder:
         """Return the references of a group, its largest instances opened, in the text's order."""
         limit = self.limit
         if g == self.groups.root:
-            limit = max(OPEN_ROOT, self._count(g) if self._count(g) <= OPEN_WHOLE else 0)
+            whole = self._counts()[g]
+            limit = max(OPEN_ROOT, whole if whole <= OPEN_WHOLE else 0)
         cuts: dict[tuple[int, ...], _Cut] = {
             (k,): _Cut((k,), r) for k, r in enumerate(self.groups.groups[g])
         }
@@ -211,14 +211,14 @@ class _Builder:
                 offer(cut)
         return [cuts[path] for path in sorted(cuts)]
 
-    def _count(self, g: int) -> int:
-        """Return how many references a group has when no instance is left in it."""
-        if g not in self.counts:
-            # Groups refer to groups that were found before them.
-            self.counts[g] = sum(
-                self._count(r.target) if r.kind == INSTANCE else 1 for r in self.groups.groups[g]
-            )
-        return self.counts[g]
+    def _counts(self) -> list[int]:
+        """Return how many references every group has, up to a bound, when no instance is left."""
+        counts: list[int] = []
+        # The references of a group were found before it.
+        for refs in self.groups.groups:
+            parts = (counts[r.target] if r.kind == INSTANCE else 1 for r in refs)
+            counts.append(min(sum(parts), OPEN_WHOLE + 1))
+        return counts
 
     def _emit_reference(self, r: Reference) -> int:
         """Append a reference and return its code."""
