@@ -41,6 +41,10 @@ MaxMemory = Annotated[
     str | None,
     typer.Option("--max-memory", metavar="SIZE", help="Such as 4G; default half of the machine."),
 ]
+BlockMemory = Annotated[
+    str | None,
+    typer.Option("--block-memory", metavar="SIZE", help="For states made beforehand; 16M."),
+]
 EngineName = Annotated[
     str, typer.Option("--engine", metavar="NAME", help="auto, cyclic or states.")
 ]
@@ -67,10 +71,20 @@ def _common(
 def render(
     file: File,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="OUT", help="Picture (.png).")
+        Path | None, typer.Option("-o", "--output", metavar="OUT", help="Picture (.png, .exr).")
     ] = None,
     size: Annotated[str, typer.Option(metavar="WxH", help="In pixels.")] = "800x600",
     samples: Annotated[int, typer.Option(help="Most samples per pixel.")] = 16,
+    mode: Annotated[
+        str | None,
+        typer.Option(help="preview, direct or path; default the grammar's.", show_default=False),
+    ] = None,
+    exposure: Annotated[
+        float | None, typer.Option(help="In stops; 1 is twice as bright.", show_default=False)
+    ] = None,
+    view: Annotated[
+        str | None, typer.Option(help="standard or filmic.", show_default=False)
+    ] = None,
     assignments: Assignments = [],  # noqa: B006 - typer copies defaults
     seed: Seed = None,
     time: Time = None,
@@ -87,13 +101,29 @@ def render(
         str, typer.Option(metavar="KEYS", help='A plane below: "z=auto", "z=0 material=grass".')
     ] = "",
     aov: Annotated[
-        str, typer.Option(metavar="LIST", help="Layers to write beside: depth,normal,label.")
+        str,
+        typer.Option(metavar="LIST", help="Layers to write: depth,normal,albedo,label,leaf."),
     ] = "",
+    bits: Annotated[int, typer.Option(help="Of each colour of a .png: 8 or 16.")] = 8,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the checkpoint of a stopped run.")
+    ] = False,
+    tile: Annotated[
+        str | None,
+        typer.Option(metavar="I/N", help="Part I of N of the rows; the last one joins them."),
+    ] = None,
+    show_every: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Write the picture so far now and then.")
+    ] = None,
+    detail: Annotated[
+        float, typer.Option(metavar="PIXELS", help="Size of what is not looked into; 0 for none.")
+    ] = 0.5,
     threads: Annotated[
         int | None, typer.Option(help="Default: one per processor.", show_default=False)
     ] = None,
     include: Include = [],  # noqa: B006 - typer copies defaults
     max_memory: MaxMemory = None,
+    block_memory: BlockMemory = None,
     engine: EngineName = "auto",
     json: Json = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False,
@@ -111,11 +141,27 @@ def render(
             assignments=assignments,
             seed=seed,
             time=time,
-            settings={"camera": camera, "sun": sun, "sky": sky, "ground": ground},
+            settings={
+                "camera": camera,
+                "sun": sun,
+                "sky": sky,
+                "ground": ground,
+                "film": " ".join(
+                    f"{key}={value}"
+                    for key, value in (("mode", mode), ("exposure", exposure), ("view", view))
+                    if value is not None
+                ),
+            },
             aov=aov,
+            bits=bits,
+            tile=tile,
+            resume=resume,
+            show_every=show_every,
             threads=threads,
             include=include,
             max_memory=max_memory,
+            block_memory=block_memory,
+            detail=detail,
             engine=engine,
             json=json,
             quiet=quiet,
@@ -146,13 +192,14 @@ def stats(
     time: Time = None,
     include: Include = [],  # noqa: B006 - typer copies defaults
     max_memory: MaxMemory = None,
+    block_memory: BlockMemory = None,
     engine: EngineName = "auto",
     json: Json = False,
 ) -> None:
     """Count a grammar's nodes, states, primitives and bytes."""
     from pcsg.commands.stats import run
 
-    run(file, assignments, seed, time, include, max_memory, engine, json)
+    run(file, assignments, seed, time, include, max_memory, block_memory, engine, json)
 
 
 @app.command()

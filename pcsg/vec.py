@@ -191,6 +191,16 @@ def invert(m: Affine) -> tuple[Affine, bool]:
     return inverse, total < math.inf
 
 
+@njit
+def determinant(m: Affine) -> float:
+    """Return how volumes change under a map; negative where it mirrors."""
+    return (
+        m.m00 * (m.m11 * m.m22 - m.m12 * m.m21)
+        - m.m01 * (m.m10 * m.m22 - m.m12 * m.m20)
+        + m.m02 * (m.m10 * m.m21 - m.m11 * m.m20)
+    )
+
+
 _ONE, _TWO, _THREE, _FOUR, _EIGHT = (np.uint64(k) for k in (1, 2, 3, 4, 8))
 
 

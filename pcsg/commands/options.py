@@ -21,13 +21,23 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def parse_memory(text: str | None) -> int | None:
+def parse_tile(text: str | None) -> tuple[int, int] | None:
+    """Return part and number of parts of ``2/8``."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"\s*(\d{1,9})\s*/\s*(\d{1,9})\s*", text)
+    if not match:
+        raise UsageError(f"--tile takes a part and the number of parts, such as 2/8, not `{text}`")
+    return int(match[1]), int(match[2])
+
+
+def parse_memory(text: str | None, option: str = "--max-memory") -> int | None:
     """Return the bytes of ``4G``, ``512M``, ``1.5GB`` or a plain number."""
     if text is None:
         return None
     match = re.fullmatch(r"\s*(\d{1,18}(?:\.\d*)?)\s*([KMGT]?)(?:i?B)?\s*", text, re.IGNORECASE)
     if not match:
-        raise UsageError(f"--max-memory takes a size such as 4G or 512M, not `{text}`")
+        raise UsageError(f"{option} takes a size such as 4G or 512M, not `{text}`")
     return int(float(match[1]) * _UNITS[match[2].upper()])
 
 

@@ -13,13 +13,18 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from pcsg.commands.guard import INTERRUPTED, say
-from pcsg.commands.options import parse_memory, parse_setting, parse_size
+from pcsg.commands.options import parse_memory, parse_setting, parse_size, parse_tile
 from pcsg.commands.scenes import open_scene
-from pcsg.errors import EvaluationFault
+from pcsg.errors import EvaluationFault, UsageError
 
 if TYPE_CHECKING:
-    from pcsg.render.job import Job, Options
+    from pcsg.render.job import Job
+    from pcsg.render.options import Options
     from pcsg.scene import Scene
+
+
+CHECKPOINT = 30.0
+"""Seconds between two checkpoints."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +40,15 @@ class RenderArguments:
     time: float | None
     settings: Mapping[str, str]
     aov: str
+    bits: int
+    tile: str | None
+    resume: bool
+    show_every: float | None
     threads: int | None
     include: Sequence[Path]
     max_memory: str | None
+    block_memory: str | None
+    detail: float
     engine: str
     json: bool
     quiet: bool
@@ -49,17 +60,17 @@ def run(arguments: RenderArguments) -> None:
 
     Everything that can be refused is refused before any work is done.
     """
-    from pcsg.render.files import check_output
-    from pcsg.render.image import ENDINGS, aov_path
+    from pcsg.render.checkpoint import checkpoint_path, resume, tile_path, write_checkpoint
+    from pcsg.render.image import check_picture
     from pcsg.render.job import Job
 
     options = _options(arguments)
     options.validate()
     output = arguments.output or Path(arguments.file.stem + ".png")
-    check_output(output, ENDINGS)
     layers = [name.strip() for name in arguments.aov.split(",") if name.strip()]
-    for name in layers:
-        check_output(aov_path(output, name), (".npy",))
+    check_picture(output, layers, arguments.bits)
+    if arguments.show_every is not None and not arguments.show_every > 0:
+        raise UsageError("--show-every takes a number of seconds above 0")
     scene = open_scene(
         arguments.file,
         arguments.assignments,
@@ -67,32 +78,65 @@ def run(arguments: RenderArguments) -> None:
         arguments.time,
         arguments.include,
         arguments.max_memory,
+        arguments.block_memory,
         arguments.engine,
     )
     if not arguments.quiet:
         _announce_compilation(scene)
-    job = Job(scene, options, {"pcsg:command": shlex.join(["pcsg", *sys.argv[1:]])})
+    job = Job(scene, options, {"pcsg:command": _command()})
     if arguments.verbose:
         camera = job.stage.camera
         eye, target = (",".join(f"{x:.6g}" for x in p) for p in (camera.eye, camera.target))
         say(f'--camera "eye={eye} target={target} fov={camera.fov:g}"')
+    where = output
+    if options.tile is not None:
+        where = tile_path(output, options.tile)
+    kept = checkpoint_path(where)
+    if arguments.resume and resume(job, kept) and not arguments.quiet:
+        say(f"going on from {kept}")
     try:
-        _run_with_progress(job, arguments.quiet)
-    except KeyboardInterrupt:
-        _save_part(job, output)
-        raise typer.Exit(INTERRUPTED) from None
-    except EvaluationFault:
-        _save_part(job, output)
+        _run(job, arguments, output, kept)
+    except (KeyboardInterrupt, EvaluationFault) as stopped:
+        write_checkpoint(job, kept)
+        _save_part(job, output, kept)
+        if isinstance(stopped, KeyboardInterrupt):
+            raise typer.Exit(INTERRUPTED) from None
         raise
-    files = job.image().save(output, layers)
+    files = _save(job, output, layers, arguments)
+    kept.unlink(missing_ok=True)
     if arguments.json:
         typer.echo(json.dumps(_summary(job, files)))
-    elif not arguments.quiet:
-        _tell(job, output, arguments.verbose)
+    elif not arguments.quiet and files:
+        _tell(job, files[0], arguments.verbose)
+
+
+def _command() -> str:
+    """Return the command as it was typed, but for what does not change the picture."""
+    words = [word for word in sys.argv[1:] if word != "--resume"]
+    return shlex.join(["pcsg", *words])
+
+
+def _run(job: Job, arguments: RenderArguments, output: Path, kept: Path) -> None:
+    """Make the picture; show it, and keep a checkpoint, now and then."""
+    from pcsg.render.checkpoint import write_checkpoint
+
+    def pause() -> None:
+        if arguments.show_every is not None and job.options.tile is None:
+            job.image().save(output)
+        write_checkpoint(job, kept)
+
+    every = min(arguments.show_every or CHECKPOINT, CHECKPOINT)
+    if arguments.quiet or not sys.stderr.isatty():
+        job.run(None, pause, every)
+        return
+    from pcsg.render.progress import show_progress
+
+    with show_progress() as report:
+        job.run(report, pause, every)
 
 
 def _options(arguments: RenderArguments) -> Options:
-    from pcsg.render.job import Options
+    from pcsg.render.options import Options
 
     settings = {kind: parse_setting(kind, text) for kind, text in arguments.settings.items()}
     return Options(
@@ -102,31 +146,40 @@ def _options(arguments: RenderArguments) -> Options:
         threads=arguments.threads,
         max_memory=parse_memory(arguments.max_memory),
         overrides={kind: values for kind, values in settings.items() if values},
+        tile=parse_tile(arguments.tile),
+        detail=arguments.detail,
     )
 
 
 def _announce_compilation(scene: Scene) -> None:
     """Say that the first picture after an installation takes its time."""
     from pcsg.jit import is_cached
-    from pcsg.trace.batch import trace_batch
-    from pcsg.trace.blocks_batch import find_batch
 
-    if not is_cached(find_batch if scene.engine == "states" else trace_batch):
+    if not is_cached(scene.tracer.kernel):
         say("compiling kernels, once per installation: about half a minute")
 
 
-def _run_with_progress(job: Job, quiet: bool) -> None:
-    if quiet or not sys.stderr.isatty():
-        job.run()
-        return
-    from pcsg.render.progress import show_progress
+def _save(job: Job, output: Path, layers: Sequence[str], arguments: RenderArguments) -> list[Path]:
+    """Write the picture, or the tile and, with the last one, the picture; return the files."""
+    if job.options.tile is None:
+        return job.image().save(output, layers, arguments.bits)
+    from pcsg.render.checkpoint import join_tiles, write_tile
 
-    with show_progress() as report:
-        job.run(report)
+    tile = write_tile(job, output)
+    image, tiles = join_tiles(job, output)
+    if image is None:
+        return [tile]
+    files = image.save(output, layers, arguments.bits)
+    for path in tiles:
+        path.unlink(missing_ok=True)
+    return files
 
 
-def _save_part(job: Job, output: Path) -> None:
+def _save_part(job: Job, output: Path, kept: Path) -> None:
     """Keep what there is of a picture that was not finished."""
+    if job.options.tile is not None:
+        say(f"stopped; --resume goes on from {kept}")
+        return
     image = job.image()
     share = float(image.finished.mean())
     if share == 0:
@@ -136,7 +189,7 @@ def _save_part(job: Job, output: Path) -> None:
     passes = job.progress
     state = f"pass {passes.pass_number} of {passes.passes}"
     missing = "" if share == 1 else f", {100 * share:.0f}% of the pixels (the rest is transparent)"
-    say(f"stopped in {state}{missing}; the partial picture is {output}")
+    say(f"stopped in {state}{missing}; the partial picture is {output}, --resume finishes it")
 
 
 def _summary(job: Job, files: Sequence[Path]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from pcsg.errors import Diagnostic, GrammarError
@@ -62,6 +63,9 @@ def _values(setting: Setting, known: Mapping[str, float]) -> dict[str, Any]:
     for key, written in setting.values.items():
         if isinstance(written, str):
             found[key] = written
+            if setting.kind.keys[key].kind is ValueKind.TEXT and setting.span is not None:
+                # Files are named from where the grammar stands.
+                found[key] = str(Path(setting.span.source.name).parent / written)
             continue
         numbers = tuple(_evaluate(expr, known) for expr in written)
         spec = setting.kind.keys[key]

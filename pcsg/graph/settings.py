@@ -122,9 +122,10 @@ SETTINGS = {
                 ),
                 "zenith": Key(_C, (0.14, 0.25, 0.44), "colour overhead"),
                 "horizon": Key(_C, (0.52, 0.60, 0.68), "colour at the horizon"),
-                "file": Key(ValueKind.TEXT, None, "picture of kind image"),
+                "file": Key(ValueKind.TEXT, None, "picture of kind image: .hdr, .exr or .png"),
                 "strength": Key(_N, 1.0, "its brightness", low=0.0),
                 "turbidity": Key(_N, 3.0, "haze of kind physical", low=1.7, high=10.0),
+                "turn": Key(_N, 0.0, "degrees by which a picture is turned about z"),
             },
         ),
         SettingKind(
@@ -148,27 +149,65 @@ SETTINGS = {
                 "translucency": Key(_N, 0.0, "light that comes through a leaf", low=0.0, high=1.0),
                 "emission": Key(_C, (0.0, 0.0, 0.0), "light given off"),
                 "texture": Key(ValueKind.NAME, None, "its texture", refers_to="texture"),
-                "bump": Key(_N, 0.0, "height of the texture's relief"),
+                "relief": Key(
+                    ValueKind.NAME,
+                    None,
+                    "texture of its relief; automatic: its texture",
+                    refers_to="texture",
+                ),
+                "bump": Key(_N, 0.0, "height of the relief"),
             },
             named=True,
             several=True,
         ),
         SettingKind(
             "texture",
-            "A pattern of two colours that varies over a surface.",
+            "A pattern of two colours, or a picture, that varies over a surface.",
             {
                 "kind": Key(
                     ValueKind.WORD,
                     "noise",
                     "which pattern",
-                    words=("noise", "checker", "marble", "wood", "bark"),
+                    words=(
+                        "noise",
+                        "checker",
+                        "marble",
+                        "wood",
+                        "bark",
+                        "waves",
+                        "image",
+                        "normals",
+                    ),
                 ),
                 "color": Key(_C, (0.75, 0.7, 0.62), "first colour"),
                 "color2": Key(_C, (0.35, 0.28, 0.2), "second colour"),
-                "scale": Key(_N, 1.0, "size of the pattern in world units", low=1e-9),
+                "scale": Key(
+                    _N, 1.0, "size of the pattern in world units, of a picture in (u, v)", low=1e-9
+                ),
+                "file": Key(ValueKind.TEXT, None, "picture of the kinds image and normals"),
             },
             named=True,
             several=True,
+        ),
+        SettingKind(
+            "film",
+            "How the picture is made and shown.",
+            {
+                "mode": Key(
+                    ValueKind.WORD,
+                    "preview",
+                    "how light is followed",
+                    words=("preview", "direct", "path"),
+                ),
+                "bounces": Key(_N, 8.0, "most surfaces that light meets", low=1.0, high=512.0),
+                "exposure": Key(_N, 0.0, "in stops; 1 is twice as bright"),
+                "view": Key(
+                    ValueKind.WORD,
+                    "standard",
+                    "how light becomes colour",
+                    words=("standard", "filmic"),
+                ),
+            },
         ),
     )
 }

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pcsg.render.image import Image
-    from pcsg.render.job import Job, Options, Progress, render
+    from pcsg.render.job import Job, Progress, render
+    from pcsg.render.options import Options
 
 _HOMES = {
     "Image": "pcsg.render.image",
     "Job": "pcsg.render.job",
-    "Options": "pcsg.render.job",
+    "Options": "pcsg.render.options",
     "Progress": "pcsg.render.job",
     "render": "pcsg.render.job",
 }

@@ -55,14 +55,30 @@ def write_whole(path: Path, write: Callable[[IO[bytes]], object]) -> None:
     EnvironmentFault
         The system refuses: no space, no permission.
     """
-    temporary: Path | None = None
-    try:
-        handle, name = tempfile.mkstemp(prefix=".pcsg-", suffix=path.suffix, dir=path.parent)
-        temporary = Path(name)
-        with os.fdopen(handle, "wb") as file:
+
+    def write_open(place: Path) -> None:
+        with place.open("wb") as file:
             write(file)
             file.flush()
             os.fsync(file.fileno())
+
+    write_by_name(path, write_open)
+
+
+def write_by_name(path: Path, write: Callable[[Path], object]) -> None:
+    """Let a function write a file beside its place by its name, then rename it.
+
+    Raises
+    ------
+    EnvironmentFault
+        The system refuses: no space, no permission.
+    """
+    temporary: Path | None = None
+    try:
+        handle, name = tempfile.mkstemp(prefix=".pcsg-", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        write(temporary)
         # mkstemp lets only the owner read; a picture gets the rights of any new file.
         mask = os.umask(0)
         os.umask(mask)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.render.tracer import GROUND, Bools, Floats, Ints
-from pcsg.render.view import encode
+from pcsg.render.view import View
 from pcsg.trace.hits import Hits
 
-BYTES_PER_PIXEL = 96
+BYTES_PER_PIXEL = 120
 """Memory of a film with its picture, an upper estimate."""
 
 CONTRAST = 0.03
@@ -29,6 +29,13 @@ BEND = 0.03
 class Film:
     """Accumulates samples.
 
+    Parameters
+    ----------
+    size
+        Width and height in pixels.
+    view
+        How light is shown: what looks alike needs no more samples.
+
     Attributes
     ----------
     total
@@ -37,13 +44,14 @@ class Film:
         (H, W) int32 number of samples.
     tone, tone2
         (H, W) float32 sums of samples' brightness as displayed, and of its square.
-    depth, normal, label, leaf
+    depth, normal, albedo, label, leaf
         (H, W[, 3]) of the first sample, at the pixel's centre.
     """
 
-    def __init__(self, size: tuple[int, int]) -> None:
+    def __init__(self, size: tuple[int, int], view: View) -> None:
         width, height = size
         self.size = size
+        self.view = view
         shape = (height, width)
         self.total = np.zeros((*shape, 3), dtype=np.float32)
         self.count = np.zeros(shape, dtype=np.int32)
@@ -51,25 +59,31 @@ class Film:
         self.tone2 = np.zeros(shape, dtype=np.float32)
         self.depth = np.full(shape, np.inf, dtype=np.float32)
         self.normal = np.zeros((*shape, 3), dtype=np.float32)
+        self.albedo = np.zeros((*shape, 3), dtype=np.float32)
         self.label = np.full(shape, -1, dtype=np.int64)
         self.leaf = np.full(shape, -1, dtype=np.int32)
 
     def add(self, pixels: Ints, rgb: Floats) -> None:
         """Add samples (P, K, 3) to P different pixels, given by their positions in the picture."""
-        shown = encode(rgb)
+        shown = self.view.encode(rgb)
         tone = shown.mean(axis=2)
         self.total.reshape(-1, 3)[pixels] += rgb.sum(axis=1).astype(np.float32)
         self.tone.reshape(-1)[pixels] += tone.sum(axis=1).astype(np.float32)
         self.tone2.reshape(-1)[pixels] += (tone * tone).sum(axis=1).astype(np.float32)
         self.count.reshape(-1)[pixels] += rgb.shape[1]
 
-    def set_first(self, pixels: Ints, hits: Hits) -> None:
-        """Keep what the rays through the centres of P pixels met."""
+    def set_first(self, pixels: Ints, hits: Hits, albedo: Floats) -> None:
+        """Keep what the rays through the centres of P pixels met, and its colours (P, 3)."""
+        self.albedo.reshape(-1, 3)[pixels] = albedo.astype(np.float32)
         self.depth.reshape(-1)[pixels] = hits.t.astype(np.float32)
         self.normal.reshape(-1, 3)[pixels] = hits.normal.astype(np.float32)
         self.normal.reshape(-1, 3)[pixels[~np.isfinite(hits.t)]] = 0.0
         self.label.reshape(-1)[pixels] = hits.label
         self.leaf.reshape(-1)[pixels] = hits.leaf
+
+    def arrays(self) -> dict[str, NDArray[np.generic]]:
+        """Return all that has been gathered, by name; writing to it changes the film."""
+        return {name: getattr(self, name) for name in _ARRAYS}
 
     def mean(self) -> NDArray[np.float32]:
         """Return the (H, W, 3) linear picture; black where there are no samples yet."""
@@ -87,7 +101,7 @@ class Film:
         """
         last = self.count == taken
         different = np.zeros(self.count.shape, dtype=bool)
-        shown, error = encode(self.mean()), self._error()
+        shown, error = self.view.encode(self.mean()), self._error()
         for here, there in _NEIGHBOURS:
             step = np.abs(shown[here] - shown[there]).max(axis=2) > CONTRAST
             if taken == 1:
@@ -120,6 +134,8 @@ class Film:
         met = (np.isfinite(near) | np.isfinite(far)) & (self.leaf[here] != GROUND)
         return np.asarray((self.leaf[here] != self.leaf[there]) | (met & (step | turned)))
 
+
+_ARRAYS = ("total", "count", "tone", "tone2", "depth", "normal", "albedo", "label", "leaf")
 
 Slices = tuple[slice, slice]
 

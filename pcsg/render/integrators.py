@@ -1,4 +1,4 @@
-"""From a batch of camera rays to the light they bring: one class per way of doing it.
+"""From a batch of camera rays to the light they bring: what all ways of doing it have in common.
 
 An integrator takes whole batches and asks the tracer in large calls; it holds no state between
 batches, so batches can go to any thread in any order.
@@ -10,17 +10,21 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from pcsg.render.materials import Surface
-from pcsg.render.sampler import Sampler, cosine_hemisphere
+from pcsg.render.materials import Surface, dots
 from pcsg.render.stage import Stage
 from pcsg.render.tracer import GROUND, Bools, Floats, Ints, Tracer
 from pcsg.trace.hits import Hits
 
 
 class Purpose:
-    """What sample numbers are for. Lights take `LIGHT`, `LIGHT + 1`, ..."""
+    """What sample numbers are for. Lights take `LIGHT`, `LIGHT + 1`, ...
+
+    Surfaces along a path take `BOUNCE + STRIDE * depth` and what follows it.
+    """
 
     PIXEL, LENS, SKY, FIRST_SKY, LIGHT = 0, 1, 2, 3, 8
+    BOUNCE, STRIDE = 256, 4
+    DIRECTION, LOBE, CHOICE, SHINE = 0, 1, 2, 3
 
 
 class Samples(NamedTuple):
@@ -30,6 +34,10 @@ class Samples(NamedTuple):
     y: Ints
     number: Ints
 
+    def take(self, rows: Ints) -> Samples:
+        """Return some of them."""
+        return Samples(self.x[rows], self.y[rows], self.number[rows])
+
 
 class Light(NamedTuple):
     """What a batch of camera rays brought.
@@ -38,6 +46,8 @@ class Light(NamedTuple):
     ----------
     rgb
         (N, 3) linear radiance.
+    albedo
+        (N, 3) colour of what the camera rays met; 0 where nothing.
     hits
         What the camera rays met.
     rays
@@ -45,6 +55,7 @@ class Light(NamedTuple):
     """
 
     rgb: Floats
+    albedo: Floats
     hits: Hits
     rays: int
 
@@ -57,128 +68,129 @@ class Integrator(Protocol):
         ...
 
 
-class Preview:
-    """Direct light with shadows, and light of the sky where nothing near blocks it.
-
-    One shadow ray per light and one sky ray per camera ray. Sky rays end at a distance of half the
-    scene: what they meet returns a part of its light instead of black, a cheap stand-in for what
-    bounces between near surfaces.
-
-    Parameters
-    ----------
-    stage
-        The scene with camera and light.
-    sampler
-        Where the random numbers come from.
-    """
-
-    reach = 0.5
-    bounce = 0.35
-    first_rays = 4
-
-    def __init__(self, stage: Stage, sampler: Sampler) -> None:
-        self.stage = stage
-        self.sampler = sampler
-
-    def radiance(self, origins: Floats, directions: Floats, samples: Samples) -> Light:
-        """See `Integrator`."""
-        stage = self.stage
-        hits = stage.tracer.intersect(origins, directions, 0.0, np.inf)
-        rgb = stage.sky.backdrop(directions)
-        at = np.flatnonzero(np.isfinite(hits.t))
-        rays = len(directions)
-        if len(at) == 0:
-            return Light(rgb, hits, rays)
-        surface = stage.materials.gather(hits, at, directions)
-        here = Samples(samples.x[at], samples.y[at], samples.number[at])
-        scale = np.maximum(np.abs(surface.position).max(axis=1), hits.t[at])
-        light = surface.emission.copy()
-        for number, source in enumerate(stage.lights):
-            pairs = self.sampler.pairs(*here, Purpose.LIGHT + number)
-            towards, distance, irradiance = source.sample(surface.position, pairs)
-            share = surface.reflect(towards)
-            useful = np.flatnonzero((share * irradiance).max(axis=1) > 0)
-            blocked = self._blocked(stage.tracer, surface, scale, towards, distance, useful)
-            rays += len(useful)
-            lit = useful[~blocked]
-            light[lit] += share[lit] * irradiance[lit]
-        sky, sky_rays = self._sky_light(surface, scale, here)
-        light += sky
-        rays += sky_rays
-        rgb[at] = self._hazed(light, hits, at, rgb[at])
-        return Light(rgb, hits, rays)
-
-    def _sky_light(self, surface: Surface, scale: Floats, samples: Samples) -> tuple[Floats, int]:
-        """Return (N, 3) light of the sky, diffuse and mirrored, and how many rays it took."""
-        sky = self.stage.sky
-        open_share, rays = self._openness(surface, scale, samples)
-        through = surface.translucency[:, None]
-        ambient = sky.ambient(surface.normal) * (1.0 - through)
-        ambient += sky.ambient(-surface.normal) * through
-        seen = open_share + (1.0 - open_share) * self.bounce * surface.color
-        diffuse = surface.color * (1.0 - surface.metallic)[:, None] * ambient
-        cos = np.einsum("ij,ij->i", surface.normal, surface.viewer)
-        mirrored = 2.0 * cos[:, None] * surface.normal - surface.viewer
-        blur = surface.roughness[:, None]
-        image = sky.radiance(mirrored) * (1.0 - blur) + ambient * blur
-        # Rough surfaces shadow themselves at grazing angles.
-        gloss = surface.fresnel(cos) * (1.0 - 0.7 * blur)
-        return (diffuse + gloss * image) * seen, rays
-
-    def _openness(self, surface: Surface, scale: Floats, samples: Samples) -> tuple[Floats, int]:
-        """Return (N, 1) shares of sky rays that meet nothing near, and how many rays there were.
-
-        The first sample of a pixel sends several rays: what it reports decides whether the pixel
-        gets any further sample.
-        """
-        n = len(scale)
-        limit = np.full(n, self.reach * self.stage.extent)
-        everywhere = np.arange(n)
-        first = bool((samples.number == 0).all())
-        clear = np.zeros(n)
-        count = self.first_rays if first else 1
-        for k in range(count):
-            number = np.full(n, k) if first else samples.number
-            purpose = Purpose.FIRST_SKY if first else Purpose.SKY
-            pairs = self.sampler.pairs(samples.x, samples.y, number, purpose)
-            towards = cosine_hemisphere(pairs, surface.facing)
-            # The ground does not block: what comes from it is the lower half of the sky.
-            clear += ~self._blocked(self.stage.things, surface, scale, towards, limit, everywhere)
-        return (clear / count)[:, None], n * count
-
-    def _blocked(
-        self,
-        tracer: Tracer,
-        surface: Surface,
-        scale: Floats,
-        towards: Floats,
-        distance: Floats,
-        at: Ints,
-    ) -> Bools:
-        """Return whether anything lies between points and lights.
-
-        Rays start off the surface, on the side they go to, by ten times the error of a position.
-        """
-        if len(at) == 0:
-            return np.zeros(0, dtype=bool)
-        facing, towards = surface.facing[at], towards[at]
-        side = np.where(np.einsum("ij,ij->i", facing, towards) < 0, -1.0, 1.0)
-        step = OFFSET * scale[at]
-        origins = surface.position[at] + (side * step)[:, None] * facing
-        t_max = np.maximum(distance[at] - 2.0 * step, 0.0)
-        return tracer.occluded(origins, towards, 0.0, t_max)
-
-    def _hazed(self, light: Floats, hits: Hits, at: Ints, behind: Floats) -> Floats:
-        """Let the ground plane fade into the horizon, where it would end in a hard line."""
-        if not self.stage.ground:
-            return light
-        far = hits.t[at] / (HAZE * self.stage.extent)
-        clear = np.where(hits.leaf[at] == GROUND, np.exp(-far * far), 1.0)[:, None]
-        return np.asarray(behind + clear * (light - behind))
-
-
 OFFSET = 1e-8
 """Start of secondary rays off the surface, relative to position and distance."""
 
 HAZE = 12.0
 """Distance, in extents of the scene, at which the ground plane has faded into the sky."""
+
+
+class Start(NamedTuple):
+    """Where rays that leave surfaces begin.
+
+    Attributes
+    ----------
+    origins
+        (N, 3)
+    closed
+        (N,) whether the ray ends at once.
+    inside
+        (N,) whether it begins inside of a solid.
+    rays
+        How many rays it took to find out.
+    """
+
+    origins: Floats
+    closed: Bools
+    inside: Bools
+    rays: int
+
+
+def leave(tracer: Tracer, surface: Surface, scale: Floats, towards: Floats) -> Start:
+    """Return where rays begin that leave surfaces in unit directions (N, 3).
+
+    They start off the surface, on the side they go to, by ten times the error of a position. A
+    translucent leaf is one thin layer for light, also where it is modelled as a solid: a ray that
+    goes through it begins where it comes out.
+
+    Parameters
+    ----------
+    scale
+        (N,) greatest coordinate or distance, to which errors are relative.
+    """
+    m = surface.matter
+    inwards = dots(m.facing, towards) < 0
+    step = OFFSET * scale
+    origins = surface.position + (np.where(inwards, -step, step))[:, None] * m.facing
+    closed = np.zeros(len(scale), dtype=bool)
+    layered = inwards & (m.translucency > 0) & (m.transmission < 1) & ~m.sheet
+    rows = np.flatnonzero(layered)
+    if len(rows):
+        through = find_exits(tracer, origins[rows], towards[rows], scale[rows])
+        out = dots(through.normal, towards[rows])
+        closed[rows] = ~(out > 0) | (through.material != surface.number[rows])
+        away = step[rows, None] * through.normal
+        origins[rows] = np.where(closed[rows, None], origins[rows], through.position + away)
+    # From behind, as the viewer sees it, a closed surface is left when the viewer is inside.
+    inside = np.where(m.leaving, ~inwards, inwards) & ~m.sheet
+    inside[rows] = False
+    return Start(origins, closed, inside, len(rows))
+
+
+def find_exits(tracer: Tracer, origins: Floats, directions: Floats, scale: Floats) -> Hits:
+    """Return the first crossings of rays that begin inside of solids.
+
+    Whether there is a crossing up to a distance is a quick question, which it is not through which
+    face. So the distance is found by asking, and the face by a ray that comes back from beyond it.
+
+    Parameters
+    ----------
+    scale
+        (N,) greatest coordinate or distance, to which errors are relative.
+    """
+    n = len(scale)
+    near, far = np.zeros(n), 1e-6 * scale
+    rows = np.arange(n)
+    for _ in range(_GROWTHS):
+        met = tracer.occluded(origins[rows], directions[rows], 0.0, far[rows])
+        rows = rows[~met]
+        if len(rows) == 0:
+            break
+        near[rows] = far[rows]
+        far[rows] *= 4.0
+    lost = rows
+    for _ in range(_HALVINGS):
+        middle = np.where(near > 0, np.sqrt(near * far), 0.25 * far)
+        met = tracer.occluded(origins, directions, 0.0, middle)
+        near, far = np.where(met, near, middle), np.where(met, middle, far)
+    beyond = origins + far[:, None] * directions
+    back = tracer.intersect(beyond, -directions, 0.0, far - near)
+    t = np.where(np.isfinite(back.t), far - back.t, np.inf)
+    t[lost] = np.inf
+    # What was not seen from beyond, because something else is there, takes its time.
+    unseen = np.setdiff1d(np.flatnonzero(~np.isfinite(t)), lost)
+    found = back.replaced(t=t)
+    if len(unseen):
+        slow = tracer.intersect(origins[unseen], directions[unseen], 0.0, np.inf)
+        for name, values in found.columns().items():
+            values[unseen] = getattr(slow, name)
+    return found
+
+
+_GROWTHS, _HALVINGS = 24, 5
+"""Steps that find the distance of a crossing: 1e-6 to 1e8 of the scale, then to one in twenty."""
+
+
+def find_blocked(
+    tracer: Tracer, surface: Surface, scale: Floats, towards: Floats, distance: Floats
+) -> tuple[Bools, int]:
+    """Return whether anything lies between surfaces and lights, and how many rays it took."""
+    if len(scale) == 0:
+        return np.zeros(0, dtype=bool), 0
+    start = leave(tracer, surface, scale, towards)
+    finite = np.where(np.isfinite(distance), distance, 0.0)[:, None]
+    target = surface.position + finite * towards
+    left = np.einsum("ij,ij->i", target - start.origins, towards)
+    t_max = np.where(np.isfinite(distance), np.maximum(left - 2.0 * OFFSET * scale, 0.0), np.inf)
+    return start.closed | tracer.occluded(start.origins, towards, 0.0, t_max), len(
+        scale
+    ) + start.rays
+
+
+def hazed(stage: Stage, light: Floats, hits: Hits, at: Ints, behind: Floats) -> Floats:
+    """Let the ground plane fade into the horizon, where it would end in a hard line."""
+    if not stage.ground:
+        return light
+    far = hits.t[at] / (HAZE * stage.extent)
+    clear = np.where(hits.leaf[at] == GROUND, np.exp(-far * far), 1.0)[:, None]
+    return np.asarray(behind + clear * (light - behind))

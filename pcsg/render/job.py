@@ -8,24 +8,27 @@ result depends on which thread computes it, or when.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from threading import Event
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pcsg.errors import EnvironmentFault, UsageError
-from pcsg.render.film import BYTES_PER_PIXEL, Film
+from pcsg.errors import UsageError
+from pcsg.render.film import Film
 from pcsg.render.image import Image
-from pcsg.render.integrators import Preview, Purpose, Samples
+from pcsg.render.integrators import Integrator, Purpose, Samples
 from pcsg.render.metadata import describe
-from pcsg.render.sampler import MAX_SAMPLES, Sampler
-from pcsg.render.stage import Overrides, build_stage
-from pcsg.render.tracer import Floats, Ints, RenderScene
+from pcsg.render.options import Options, processors
+from pcsg.render.path import Direct, Path
+from pcsg.render.preview import Preview
+from pcsg.render.sampler import Sampler
+from pcsg.render.stage import Stage, build_stage
+from pcsg.render.tracer import Bools, Floats, Ints, RenderScene
 
 BATCH = 1 << 14
 """Camera rays per batch."""
@@ -35,85 +38,6 @@ _BLOCK = 64
 
 _GUESS = 0.35
 """Assumed part of the pixels that a pass hands on to the next, for the time that is left."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """How a picture is made.
-
-    Attributes
-    ----------
-    size
-        Width and height in pixels.
-    samples
-        Largest number of samples per pixel.
-    seed
-        Of the sampling; any integer.
-    threads
-        How many; None for one per processor.
-    max_memory
-        Bytes that the picture may take; None for half of the machine's.
-    overrides
-        Values in place of the grammar's settings, by kind and key.
-    """
-
-    size: tuple[int, int] = (800, 600)
-    samples: int = 16
-    seed: int = 1
-    threads: int | None = None
-    max_memory: int | None = None
-    overrides: Overrides = field(default_factory=dict)
-
-    def validate(self) -> None:
-        """Raise an error if no picture can be made of these options.
-
-        Raises
-        ------
-        UsageError
-            A number is out of range.
-        EnvironmentFault
-            The picture does not fit into memory.
-        """
-        width, height = self.size
-        if width < 1 or height < 1:
-            raise UsageError(f"the size must be at least 1x1, not {width}x{height}")
-        if not 1 <= self.samples <= MAX_SAMPLES:
-            raise UsageError(f"samples must lie between 1 and {MAX_SAMPLES}, not {self.samples}")
-        if self.threads is not None and self.threads < 1:
-            raise UsageError(f"threads must be at least 1, not {self.threads}")
-        needed = width * height * BYTES_PER_PIXEL
-        limit = half_of_memory() if self.max_memory is None else self.max_memory
-        if needed > limit:
-            raise EnvironmentFault(
-                f"a picture of {width}x{height} pixels needs {_bytes(needed)} of memory, but only"
-                f" {_bytes(limit)} are allowed; a smaller --size or a larger --max-memory helps"
-            )
-        if max(self.size) > 1 << 20:
-            raise UsageError(f"the size must be at most {1 << 20} pixels a side")
-
-    @property
-    def levels(self) -> list[int]:
-        """Numbers of samples that the passes bring pixels to."""
-        levels = [1]
-        while levels[-1] < self.samples:
-            levels.append(min(4 * levels[-1], self.samples))
-        return levels
-
-
-def half_of_memory() -> int:
-    """Return half of the machine's memory in bytes; 2 GB where it does not tell."""
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
-    except (AttributeError, ValueError, OSError):
-        return 2 << 30
-
-
-def _bytes(n: float) -> str:
-    for unit in ("bytes", "KB", "MB", "GB", "TB"):
-        if n < 1000:
-            return f"{n:.3g} {unit}"
-        n /= 1000
-    return f"{n:.3g} PB"
 
 
 @dataclass
@@ -129,7 +53,7 @@ class Progress:
     expected
         Camera rays in all, an estimate until the last pass has begun.
     rays
-        Rays traced: camera, shadow and sky.
+        Rays traced, of all kinds.
     seconds
         Since the start.
     """
@@ -140,6 +64,76 @@ class Progress:
     expected: float = 0.0
     rays: int = 0
     seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Which pixels get more samples, and how far that is.
+
+    Attributes
+    ----------
+    taken, level
+        Numbers of samples before and after.
+    pixels
+        (P,) positions in the film; `batch` parts them always in the same way.
+    done
+        (B,) which batches are done.
+    """
+
+    taken: int
+    level: int
+    pixels: Ints
+    done: Bools
+
+    @classmethod
+    def of(cls, taken: int, level: int, pixels: Ints) -> Pass:
+        """Return a pass that has not begun."""
+        step = cls._step(taken, level)
+        return cls(taken, level, pixels, np.zeros(-(-len(pixels) // step), dtype=bool))
+
+    @staticmethod
+    def _step(taken: int, level: int) -> int:
+        return max(1, BATCH // (level - taken))
+
+    @property
+    def pixels_left(self) -> int:
+        """How many pixels are not done."""
+        step = self._step(self.taken, self.level)
+        return min(int((~self.done).sum()) * step, len(self.pixels))
+
+    def batch(self, number: int) -> Ints:
+        """Return the pixels of a batch."""
+        step = self._step(self.taken, self.level)
+        return self.pixels[number * step : (number + 1) * step]
+
+
+class _Clock:
+    """Tells the time since the start, and when a pause is due."""
+
+    def __init__(self, progress: Progress, pause: Callable[[], None] | None, every: float) -> None:
+        self._progress, self._pause, self._every = progress, pause, every
+        self._start = time.perf_counter() - progress.seconds
+        self._last = time.perf_counter()
+
+    @property
+    def is_due(self) -> bool:
+        return self._pause is not None and time.perf_counter() - self._last >= self._every
+
+    def tick(self) -> None:
+        self._progress.seconds = time.perf_counter() - self._start
+
+    def pause(self) -> None:
+        if self._pause is not None:
+            self._pause()
+        self._last = time.perf_counter()
+
+
+MODES: dict[str, Callable[[Stage, Sampler], Integrator]] = {
+    "preview": Preview,
+    "direct": Direct,
+    "path": Path,
+}
+"""Ways to follow light, by the name of the film's mode."""
 
 
 class Job:
@@ -162,21 +156,34 @@ class Job:
     ) -> None:
         options.validate()
         self.options = options
-        self.stage = build_stage(scene, options.size, options.overrides)
-        self.film = Film(options.size)
+        self.stage = build_stage(scene, options.size, options.overrides, options.detail)
+        first, last = options.film_rows
+        self.film = Film((options.size[0], last - first), self.stage.view)
         self.progress = Progress(passes=len(options.levels))
         self.sampler = Sampler(options.size, options.samples, options.seed)
-        self.integrator = Preview(self.stage, self.sampler)
-        self.metadata = {**describe(scene, options), **(metadata or {})}
+        self.integrator: Integrator = MODES[self.stage.mode](self.stage, self.sampler)
+        self.description = describe(scene, options)
+        self.metadata = {**self.description, **(metadata or {})}
         self._stop = Event()
+        self._taken = 0
+        self._pass: Pass | None = None
 
-    def run(self, report: Callable[[Progress], None] | None = None) -> None:
-        """Make the picture.
+    def run(
+        self,
+        report: Callable[[Progress], None] | None = None,
+        pause: Callable[[], None] | None = None,
+        every: float = 30.0,
+    ) -> None:
+        """Make the picture, or what is missing of it.
 
         Parameters
         ----------
         report
             Called in the calling thread after every batch.
+        pause
+            Called now and then while no batch is under way, so that the picture can be saved.
+        every
+            Seconds between two pauses.
 
         Raises
         ------
@@ -185,18 +192,20 @@ class Job:
         KeyboardInterrupt
             Likewise, within the time of a batch.
         """
-        start = time.perf_counter()
+        clock = _Clock(self.progress, pause, every)
         threads = self.options.threads or processors()
-        taken = 0
         with ThreadPoolExecutor(threads, thread_name_prefix="pcsg") as pool:
             try:
                 for number, level in enumerate(self.options.levels, 1):
-                    pixels = self._pixels_for(taken)
-                    if len(pixels) == 0:
+                    if level <= self._taken:
+                        continue
+                    if self._pass is None:
+                        self._pass = self._begin_pass(level)
+                    if len(self._pass.pixels) == 0:
                         break
-                    self._expect(number, len(pixels))
-                    self._run_pass(pool, pixels, taken, level, report, start, threads)
-                    taken = level
+                    self._expect(number, self._pass)
+                    self._run_pass(pool, self._pass, report, clock, threads)
+                    self._taken, self._pass = level, None
             except BaseException:
                 # Batches that wait are dropped; those that run end by themselves.
                 self._stop.set()
@@ -206,30 +215,60 @@ class Job:
     def image(self) -> Image:
         """Return the picture so far; pixels without samples are transparent."""
         film = self.film
+        top = self.options.film_rows[0]
+        rows = slice(self.options.rows[0] - top, self.options.rows[1] - top)
         return Image(
-            film.mean(),
-            film.depth.copy(),
-            film.normal.copy(),
-            film.label.copy(),
-            film.count > 0,
+            film.mean()[rows],
+            film.depth[rows].copy(),
+            film.normal[rows].copy(),
+            film.albedo[rows].copy(),
+            film.label[rows].copy(),
+            film.leaf[rows].copy(),
+            film.count[rows] > 0,
             self.metadata,
+            self.stage.view,
         )
 
-    def _pixels_for(self, taken: int) -> Ints:
-        """Return the pixels of the next pass, near ones next to each other."""
-        width, height = self.options.size
-        if taken == 0:
+    def state(self) -> dict[str, NDArray[np.generic]]:
+        """Return all that is needed to go on later, by name. To be called when nothing runs."""
+        # Batches that ended while the run was stopped are in the film, not in the progress.
+        done = self.film.count.sum()
+        state: dict[str, NDArray[np.generic]] = {
+            **self.film.arrays(),
+            "taken": np.array(self._taken),
+            "work": np.array([done, self.progress.rays, self.progress.seconds]),
+        }
+        if self._pass is not None:
+            state.update(pixels=self._pass.pixels, done=self._pass.done)
+        return state
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from a state; `run` does what is missing."""
+        for name, values in self.film.arrays().items():
+            values[...] = state[name]
+        self._taken = int(state["taken"])
+        samples, rays, seconds = state["work"]
+        self.progress.samples, self.progress.rays = int(samples), int(rays)
+        self.progress.seconds = float(seconds)
+        if "pixels" in state:
+            level = next(k for k in self.options.levels if k > self._taken)
+            self._pass = Pass(self._taken, level, state["pixels"], state["done"].copy())
+
+    def _begin_pass(self, level: int) -> Pass:
+        """Return the pixels that need more samples, near ones next to each other."""
+        width, height = self.film.size
+        if self._taken == 0:
             chosen = np.arange(width * height)
         else:
-            chosen = np.flatnonzero(self.film.unfinished(taken))
+            chosen = np.flatnonzero(self.film.unfinished(self._taken))
         y, x = np.divmod(chosen, width)
         block = (y // _BLOCK) * (width // _BLOCK + 1) + x // _BLOCK
-        return chosen[np.argsort(block, kind="stable")]
+        return Pass.of(self._taken, level, chosen[np.argsort(block, kind="stable")])
 
-    def _expect(self, number: int, pixels: int) -> None:
+    def _expect(self, number: int, work: Pass) -> None:
         """Estimate how many camera rays are still to come."""
         levels = [0, *self.options.levels]
-        rest, left = 0.0, float(pixels)
+        rest, left = 0.0, float(work.pixels_left)
         for k in range(number, len(levels)):
             rest += left * (levels[k] - levels[k - 1])
             left *= _GUESS
@@ -239,20 +278,23 @@ class Job:
     def _run_pass(
         self,
         pool: ThreadPoolExecutor,
-        pixels: Ints,
-        taken: int,
-        level: int,
+        work: Pass,
         report: Callable[[Progress], None] | None,
-        start: float,
+        clock: _Clock,
         threads: int,
     ) -> None:
-        step = max(1, BATCH // (level - taken))
-        batches = iter(range(0, len(pixels), step))
+        waiting = iter(np.flatnonzero(~work.done))
         running: set[Future[tuple[int, int]]] = set()
         while True:
+            due = clock.is_due
+            if due and not running:
+                clock.pause()
+                due = False
             # Only a few batches wait at a time, so that a stop is quick and memory small.
-            while len(running) < 2 * threads and (at := next(batches, None)) is not None:
-                running.add(pool.submit(self._batch, pixels[at : at + step], taken, level))
+            while not due and len(running) < 2 * threads:
+                if (batch := next(waiting, None)) is None:
+                    break
+                running.add(pool.submit(self._batch, work, int(batch)))
             if not running:
                 return
             done, running = wait(running, return_when=FIRST_COMPLETED)
@@ -260,30 +302,32 @@ class Job:
                 samples, rays = future.result()
                 self.progress.samples += samples
                 self.progress.rays += rays
-            self.progress.seconds = time.perf_counter() - start
+            clock.tick()
             if report:
                 report(self.progress)
 
-    def _batch(self, pixels: Ints, taken: int, level: int) -> tuple[int, int]:
-        """Take the samples [taken, level) of pixels; return the numbers of samples and rays."""
+    def _batch(self, work: Pass, batch: int) -> tuple[int, int]:
+        """Take the samples of a batch of pixels; return the numbers of samples and rays."""
         if self._stop.is_set():
             return 0, 0
-        k = level - taken
-        width = self.options.size[0]
-        number = np.tile(np.arange(taken, level), len(pixels))
+        pixels = work.batch(batch)
+        k = work.level - work.taken
+        width, top = self.options.size[0], self.options.film_rows[0]
+        number = np.tile(np.arange(work.taken, work.level), len(pixels))
         y, x = np.divmod(np.repeat(pixels, k), width)
-        samples = Samples(x, y, number)
+        samples = Samples(x, y + top, number)
         shift = self._in_filter(samples)
         lens = None
         if self.stage.camera.aperture > 0:
             lens = self.sampler.pairs(*samples, Purpose.LENS)
         origins, directions = self.stage.camera.rays(
-            x + 0.5 + shift[:, 0], y + 0.5 + shift[:, 1], self.options.size, lens
+            x + 0.5 + shift[:, 0], samples.y + 0.5 + shift[:, 1], self.options.size, lens
         )
         light = self.integrator.radiance(origins, directions, samples)
         self.film.add(pixels, light.rgb.reshape(-1, k, 3))
-        if taken == 0:
-            self.film.set_first(pixels, light.hits)
+        if work.taken == 0:
+            self.film.set_first(pixels, light.hits, light.albedo)
+        work.done[batch] = True
         return len(number), light.rays
 
     def _in_filter(self, samples: Samples) -> Floats:
@@ -301,13 +345,6 @@ class Job:
         return np.where(u < 1.0, np.sqrt(u) - 1.0, 1.0 - np.sqrt(np.maximum(2.0 - u, 0.0)))
 
 
-def processors() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def render(
     scene: RenderScene,
     size: tuple[int, int] = (800, 600),
@@ -316,6 +353,7 @@ def render(
     *,
     threads: int | None = None,
     max_memory: int | None = None,
+    detail: float = 0.5,
     progress: Callable[[Progress], None] | None = None,
     **settings: Mapping[str, Any],
 ) -> Image:
@@ -335,6 +373,8 @@ def render(
         How many; None for one per processor. The picture does not depend on it.
     max_memory
         Bytes that the picture may take; None for half of the machine's.
+    detail
+        Pixels below which the scene is not looked into; 0 for all that there is.
     progress
         Called now and then with a `Progress`.
     **settings
@@ -349,10 +389,11 @@ def render(
     EnvironmentFault
         The picture does not fit into memory.
     """
-    known = ("camera", "sun", "sky", "ground")
+    known = ("camera", "sun", "sky", "ground", "film")
     for kind in settings:
         if kind not in known:
             raise UsageError(f"render() has no argument `{kind}`; settings are {', '.join(known)}")
-    job = Job(scene, Options(size, samples, seed, threads, max_memory, settings))
+    options = Options(size, samples, seed, threads, max_memory, settings, detail=detail)
+    job = Job(scene, options)
     job.run(progress)
     return job.image()

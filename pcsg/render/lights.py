@@ -1,4 +1,4 @@
-"""Light: the sun, the sky all around, and points.
+"""Light from single sources: the sun and balls that shine.
 
 Radiance is linear; a surface of albedo a that faces an irradiance E sends out a E / pi.
 """
@@ -8,13 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from pcsg.errors import UsageError
-from pcsg.render.sampler import disc_cone, sphere
+from pcsg.render.sampler import around, disc_cone
 from pcsg.render.tracer import Floats
 
 
@@ -26,14 +25,35 @@ class LightSample(NamedTuple):
     direction
         (N, 3) unit vectors towards the light.
     distance
-        (N,) how far it is; inf for the sun.
+        (N,) how far it is; inf for the sun and the sky.
     irradiance
-        (N, 3) on a surface that faces it, if nothing is in the way.
+        (N, 3) on a surface that faces it, if nothing is in the way: radiance over density.
+    density
+        (N,) of the direction per solid angle; inf where no other direction is possible.
     """
 
     direction: Floats
     distance: Floats
     irradiance: Floats
+    density: Floats
+
+
+class Seen(NamedTuple):
+    """What N rays that meet a light bring.
+
+    Attributes
+    ----------
+    distance
+        (N,) how far it is; inf for sun and sky, nan where the ray misses it.
+    radiance
+        (N, 3); 0 where missed.
+    density
+        (N,) with which `Light.sample` draws the ray's direction.
+    """
+
+    distance: Floats
+    radiance: Floats
+    density: Floats
 
 
 class Light(Protocol):
@@ -41,6 +61,14 @@ class Light(Protocol):
 
     def sample(self, position: Floats, pairs: Floats) -> LightSample:
         """Choose a point of the light for each of (N, 3) positions by (N, 2) numbers."""
+        ...
+
+    def seen(self, origins: Floats, directions: Floats) -> Seen:
+        """Return what rays see of the light, if nothing is in the way."""
+        ...
+
+    def estimate(self, position: Floats) -> Floats:
+        """Return (N,) about how bright it is at positions (N, 3)."""
         ...
 
 
@@ -62,24 +90,51 @@ class Sun:
     irradiance: tuple[float, float, float]
     angle: float
 
+    @property
+    def _cosine(self) -> float:
+        return math.cos(math.radians(self.angle / 2))
+
+    @property
+    def _solid_angle(self) -> float:
+        return 4.0 * math.pi * math.sin(math.radians(self.angle / 4)) ** 2
+
     def sample(self, position: Floats, pairs: Floats) -> LightSample:
         """See `Light`."""
-        axis = np.array(self.direction)
-        directions = disc_cone(pairs, axis, math.cos(math.radians(self.angle / 2)))
         n = len(position)
+        size = self._solid_angle
         return LightSample(
-            directions, np.full(n, np.inf), np.broadcast_to(np.array(self.irradiance), (n, 3))
+            disc_cone(pairs, np.array(self.direction), self._cosine),
+            np.full(n, np.inf),
+            np.broadcast_to(np.array(self.irradiance), (n, 3)),
+            np.full(n, 1.0 / size if size > 0 else np.inf),
         )
+
+    def seen(self, origins: Floats, directions: Floats) -> Seen:
+        """See `Light`."""
+        size = self._solid_angle
+        # 1 - cos by the chord: cosines near 1 have no digits to spare.
+        chord = np.square(directions - np.array(self.direction)).sum(axis=1)
+        inside = (chord <= 4.0 * math.sin(math.radians(self.angle / 4)) ** 2) & (size > 0)
+        brightness = np.array(self.irradiance) / max(size, 1e-300)
+        return Seen(
+            np.where(inside, np.inf, np.nan),
+            inside[:, None] * brightness,
+            np.where(inside, 1.0 / max(size, 1e-300), 0.0),
+        )
+
+    def estimate(self, position: Floats) -> Floats:
+        """See `Light`."""
+        return np.full(len(position), sum(self.irradiance) / 3)
 
 
 @dataclass(frozen=True)
-class PointLight:
-    """A small ball that shines equally to all sides.
+class Ball:
+    """A ball that shines equally to all sides, or a point. The camera does not see it.
 
     Attributes
     ----------
     intensity
-        Irradiance at distance 1.
+        Irradiance at distance 1 from its centre.
     radius
         Of the ball; 0 gives sharp shadows.
     """
@@ -89,99 +144,91 @@ class PointLight:
     radius: float
 
     def sample(self, position: Floats, pairs: Floats) -> LightSample:
-        """See `Light`."""
-        target = np.array(self.position) + self.radius * sphere(pairs)
-        towards = target - position
-        squared = np.maximum(np.einsum("ij,ij->i", towards, towards), 1e-300)
+        """See `Light`. Points of the part that is seen are drawn evenly by solid angle."""
+        centre = np.array(self.position) - position
+        squared = np.maximum(np.einsum("ij,ij->i", centre, centre), 1e-300)
         distance = np.sqrt(squared)
+        axis = centre / distance[:, None]
         irradiance = np.array(self.intensity) / squared[:, None]
-        return LightSample(towards / distance[:, None], distance, irradiance)
+        if not self.radius > 0:
+            return LightSample(axis, distance, irradiance, np.full(len(distance), np.inf))
+        one_less, inside = self._cap(squared)
+        z = 1.0 - pairs[:, 0] * one_less
+        direction = around(axis, z, pairs[:, 1])
+        along = distance * z
+        half = np.sqrt(np.maximum(self.radius**2 - squared * (1.0 - z * z), 0.0))
+        reach = np.where(inside, along + half, along - half)
+        size = 2.0 * math.pi * one_less
+        radiance = np.array(self.intensity) / (math.pi * self.radius**2)
+        return LightSample(direction, reach, radiance * size[:, None], 1.0 / size)
+
+    def seen(self, origins: Floats, directions: Floats) -> Seen:
+        """See `Light`."""
+        n = len(origins)
+        if not self.radius > 0:
+            return Seen(np.full(n, np.nan), np.zeros((n, 3)), np.zeros(n))
+        centre = np.array(self.position) - origins
+        along = np.einsum("ij,ij->i", centre, directions)
+        aside = centre - along[:, None] * directions
+        left = self.radius**2 - np.einsum("ij,ij->i", aside, aside)
+        squared = np.einsum("ij,ij->i", centre, centre)
+        one_less, inside = self._cap(squared)
+        half = np.sqrt(np.maximum(left, 0.0))
+        reach = np.where(inside, along + half, along - half)
+        met = (left > 0) & (reach > 0)
+        radiance = np.array(self.intensity) / (math.pi * self.radius**2)
+        return Seen(
+            np.where(met, reach, np.nan),
+            met[:, None] * radiance,
+            np.where(met, 1.0 / (2.0 * math.pi * one_less), 0.0),
+        )
+
+    def _cap(self, squared: Floats) -> tuple[Floats, Any]:
+        """Return 1 - cos of the half angle of the ball, and where one stands inside it."""
+        sine = self.radius**2 / np.maximum(squared, 1e-300)
+        inside = sine >= 1.0
+        cosine = np.sqrt(np.maximum(1.0 - sine, 0.0))
+        # sin^2 / (1 + cos) is 1 - cos with all digits.
+        return np.where(inside, 2.0, np.minimum(sine, 1.0) / (1.0 + cosine)), inside
+
+    def estimate(self, position: Floats) -> Floats:
+        """See `Light`."""
+        centre = np.array(self.position) - position
+        squared = np.maximum(np.einsum("ij,ij->i", centre, centre), self.radius**2)
+        return np.asarray(sum(self.intensity) / 3 / np.maximum(squared, 1e-300))
 
 
-@dataclass(frozen=True)
-class Sky:
-    """Light from all around, a function of elevation.
+def make_sun(
+    values: Mapping[str, Any], dimmed: tuple[float, float, float] = (1.0, 1.0, 1.0)
+) -> Sun | None:
+    """Return the sun of a setting; None if it gives no light.
 
-    Attributes
+    Parameters
     ----------
-    zenith, horizon, nadir
-        Radiance overhead, at the horizon, and from straight below.
+    dimmed
+        Part of its light that the air lets through.
     """
-
-    zenith: tuple[float, float, float]
-    horizon: tuple[float, float, float]
-    nadir: tuple[float, float, float]
-
-    def radiance(self, directions: Floats) -> Floats:
-        """Return (N, 3) radiance that comes from (N, 3) unit directions."""
-        return self._gradient(directions, self.nadir)
-
-    def backdrop(self, directions: Floats) -> Floats:
-        """Return (N, 3) radiance shown behind everything: brighter, and pale below the horizon.
-
-        The automatic camera looks down, so most of a picture's background lies below the horizon;
-        what is right as light from there would be a dull picture.
-        """
-        shown = self._gradient(directions, _tinted(self.horizon, BACKDROP_NADIR))
-        return np.asarray(BACKDROP * shown)
-
-    def _gradient(self, directions: Floats, nadir: tuple[float, float, float]) -> Floats:
-        z = np.clip(directions[:, 2], -1.0, 1.0)
-        above = 1.0 - (1.0 - np.maximum(z, 0.0)) ** 3
-        below = 1.0 - (1.0 - np.maximum(-z, 0.0)) ** 2
-        horizon = np.array(self.horizon)
-        sky = above[:, None] * (np.array(self.zenith) - horizon)
-        ground = below[:, None] * (np.array(nadir) - horizon)
-        return np.asarray(horizon + sky + ground)
-
-    def ambient(self, normals: Floats) -> Floats:
-        """Return (N, 3) irradiance / pi from the whole hemisphere about (N, 3) unit normals."""
-        at, table = self._ambient_table
-        return np.stack([np.interp(normals[:, 2], at, table[:, k]) for k in range(3)], axis=1)
-
-    @cached_property
-    def _ambient_table(self) -> tuple[Floats, Floats]:
-        """Irradiance by the normal's z, by a quadrature over the hemisphere."""
-        at = np.linspace(-1.0, 1.0, 65)
-        cos = np.sqrt((np.arange(32) + 0.5) / 32)
-        turn = 2 * np.pi * (np.arange(32) + 0.5) / 32
-        # About a normal with height z, a direction (cos, turn) has this height:
-        rise = np.sqrt(1 - cos[:, None] ** 2) * np.cos(turn)
-        z = at[:, None, None] * cos[:, None] + np.sqrt(1 - at * at)[:, None, None] * rise
-        directions = np.zeros((z.size, 3))
-        directions[:, 2] = z.ravel()
-        return at, self.radiance(directions).reshape(len(at), -1, 3).mean(axis=1)
-
-
-NADIR = (0.34, 0.33, 0.31)
-"""Colour of what lies below the horizon, as part of the horizon's light."""
-
-BACKDROP = 1.5
-"""Brightness of the sky as a background, relative to the light it gives."""
-
-BACKDROP_NADIR = (0.74, 0.68, 0.62)
-"""Like `NADIR`, for the background."""
-
-
-def make_sun(values: Mapping[str, Any]) -> Sun | None:
-    """Return the sun of a setting; None if it gives no light."""
     if not values["strength"] > 0:
         return None
+    direction = sun_direction(values)
+    color = _scaled(values["color"], values["strength"])
+    irradiance = color[0] * dimmed[0], color[1] * dimmed[1], color[2] * dimmed[2]
+    return Sun(direction, irradiance, float(values["angle"])) if max(irradiance) > 0 else None
+
+
+def sun_direction(values: Mapping[str, Any]) -> tuple[float, float, float]:
+    """Return the unit vector towards the sun of a setting."""
     direction = np.asarray(values["direction"], float)
     if not np.abs(direction).max() > 0:
         raise UsageError("the sun's direction is the zero vector")
     direction = direction / np.linalg.norm(direction)
-    return Sun(
-        (float(direction[0]), float(direction[1]), float(direction[2])),
-        _scaled(values["color"], values["strength"]),
-        float(values["angle"]),
-    )
+    return float(direction[0]), float(direction[1]), float(direction[2])
 
 
-def make_points(several: Sequence[Mapping[str, Any]]) -> list[PointLight]:
+def make_balls(several: Sequence[Mapping[str, Any]]) -> list[Ball]:
     """Return the lights of settings ``light {}`` that shine."""
     return [
-        PointLight(
+        Ball(
             _scaled(values["position"], 1.0),
             _scaled(values["color"], values["strength"]),
             float(values["radius"]),
@@ -189,31 +236,6 @@ def make_points(several: Sequence[Mapping[str, Any]]) -> list[PointLight]:
         for values in several
         if values["strength"] > 0
     ]
-
-
-def make_sky(values: Mapping[str, Any]) -> Sky:
-    """Return the sky of a setting.
-
-    Raises
-    ------
-    UsageError
-        The kind of sky is none that this version can make.
-    """
-    if values["kind"] == "none":
-        return Sky((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    if values["kind"] != "gradient":
-        raise UsageError(
-            f"a sky of kind `{values['kind']}` cannot be rendered yet; use `gradient` or `none`"
-        )
-    strength = float(values["strength"])
-    horizon = _scaled(values["horizon"], strength)
-    return Sky(_scaled(values["zenith"], strength), horizon, _tinted(horizon, NADIR))
-
-
-def _tinted(
-    color: tuple[float, float, float], by: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    return color[0] * by[0], color[1] * by[1], color[2] * by[2]
 
 
 def _scaled(color: Any, strength: float) -> tuple[float, float, float]:

@@ -1,7 +1,4 @@
-"""Materials: what a surface does with light, gathered for a batch of hits.
-
-The diffuse and glossy part of the principled model (Burley 2012): Lambert below a GGX coat.
-"""
+"""Materials: what the surfaces that a batch of rays met are made of."""
 
 from __future__ import annotations
 
@@ -11,11 +8,42 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pcsg.graph.settings import SETTINGS
-from pcsg.render.textures import Textures
-from pcsg.render.tracer import Floats, Ints
+from pcsg.render.bsdf import Matter, albedo_tables, scatter_batch
+from pcsg.render.textures import NORMALS, Textures
+from pcsg.render.tracer import Bools, Floats, Ints, Tracer
 from pcsg.trace.hits import Hits
 
 DEFAULTS = {key: k.default for key, k in SETTINGS["material"].keys.items()}
+
+_NUMBERS = (
+    "color",
+    "emission",
+    "roughness",
+    "metallic",
+    "specular",
+    "transmission",
+    "translucency",
+    "ior",
+    "bump",
+)
+
+
+class Scattered(NamedTuple):
+    """What N surfaces do with light.
+
+    Attributes
+    ----------
+    direction
+        (N, 3) unit.
+    light
+        (N, 3) light to the viewer per irradiance on a surface that faces the direction.
+    density
+        (N,) with which the direction is drawn, per solid angle.
+    """
+
+    direction: Floats
+    light: Floats
+    density: Floats
 
 
 class Surface(NamedTuple):
@@ -25,67 +53,62 @@ class Surface(NamedTuple):
     ----------
     position
         (N, 3) world coordinates.
-    normal
-        (N, 3) unit, towards the viewer, with bumps.
-    facing
-        (N, 3) unit, towards the viewer, of the geometry: decides on which side of it things are.
-    viewer
-        (N, 3) unit, towards the eye.
-    color, emission
+    emission
         (N, 3) linear.
-    roughness, metallic, specular, translucency
-        (N,)
+    matter
+        What scatters the light.
+    number
+        (N,) of the material.
     """
 
     position: Floats
-    normal: Floats
-    facing: Floats
-    viewer: Floats
-    color: Floats
     emission: Floats
-    roughness: Floats
-    metallic: Floats
-    specular: Floats
-    translucency: Floats
+    matter: Matter
+    number: Ints
 
-    def reflect(self, towards: Floats) -> Floats:
-        """Return (N, 3) light sent to the eye per irradiance from unit directions, with cosine.
+    def take(self, rows: Ints) -> Surface:
+        """Return some of the points."""
+        return Surface(
+            self.position[rows],
+            self.emission[rows],
+            Matter._make(column[rows] for column in self.matter),
+            self.number[rows],
+        )
 
-        Light from behind comes through translucent surfaces only.
-        """
-        cos = _dots(self.normal, towards)
-        side = _dots(self.facing, towards)
-        lit = np.where(side > 0, np.maximum(cos, 0.0) * (1.0 - self.translucency), 0.0)
-        through = np.where(side < 0, np.maximum(-cos, 0.0) * self.translucency, 0.0)
-        diffuse = (lit + through) * (1.0 - self.metallic) / np.pi
-        gloss = np.where((side > 0) & (cos > 0), 1.0, 0.0)[:, None] * self._gloss(towards, cos)
-        return np.asarray(diffuse[:, None] * self.color + gloss)
+    def roughened(self, least: Floats) -> Surface:
+        """Return the points with at least these roughnesses (N,)."""
+        rough = np.maximum(self.matter.roughness, least)
+        return self._replace(matter=self.matter._replace(roughness=rough))
+
+    def scatter(self, pairs: Floats, choices: Floats) -> Scattered:
+        """Draw directions by pairs and choices (N, 2) in [0, 1)."""
+        n = len(pairs)
+        found = Scattered(np.empty((n, 3)), np.empty((n, 3)), np.empty(n))
+        scatter_batch(self.matter, albedo_tables(), True, pairs, choices, *found)
+        return found
+
+    def reflect(self, towards: Floats) -> Scattered:
+        """Return what surfaces do with light from unit directions (N, 3)."""
+        n = len(towards)
+        found = Scattered(np.array(towards), np.empty((n, 3)), np.empty(n))
+        scatter_batch(self.matter, albedo_tables(), False, _NO_PAIRS, _NO_PAIRS, *found)
+        return found
 
     def fresnel(self, cos: Floats) -> Floats:
         """Return (N, 3) mirrored shares at the cosines (N,) of incidence (Schlick 1994)."""
-        metallic = self.metallic[:, None]
-        base = 0.08 * self.specular[:, None] * (1.0 - metallic) + self.color * metallic
+        m = self.matter
+        metallic = m.metallic[:, None]
+        base = 0.08 * m.specular[:, None] * (1.0 - metallic) + m.color * metallic
         edge = np.clip(1.0 - cos, 0.0, 1.0)[:, None] ** 5
-        strength = np.where(self.specular > 0, 1.0, self.metallic)[:, None]
+        strength = np.where(m.specular > 0, 1.0, m.metallic)[:, None]
         return np.asarray(base + (strength - base) * edge)
 
-    def _gloss(self, towards: Floats, cos: Floats) -> Floats:
-        """Return (N, 3) GGX reflection with cosine (Walter et al. 2007; Hammon 2017)."""
-        half = towards + self.viewer
-        half /= np.maximum(np.sqrt(_dots(half, half)), 1e-12)[:, None]
-        alpha = np.maximum(self.roughness, 0.03) ** 2
-        squared = alpha * alpha
-        nh = np.maximum(_dots(self.normal, half), 0.0)
-        nv = np.maximum(_dots(self.normal, self.viewer), 1e-4)
-        nl = np.maximum(cos, 0.0)
-        density = squared / (np.pi * (nh * nh * (squared - 1.0) + 1.0) ** 2)
-        mixed = 2.0 * nl * nv
-        visible = 0.5 / np.maximum(mixed + alpha * (nl + nv - mixed), 1e-9)
-        strength = self.fresnel(np.maximum(_dots(self.viewer, half), 0.0))
-        return np.asarray((density * visible * nl)[:, None] * strength)
+
+_NO_PAIRS = np.empty((0, 2))
 
 
-def _dots(a: Floats, b: Floats) -> Floats:
+def dots(a: Floats, b: Floats) -> Floats:
+    """Return the (N,) products of vectors (N, 3)."""
     return np.asarray(np.einsum("ij,ij->i", a, b))
 
 
@@ -100,6 +123,8 @@ class Materials:
         Number of every texture.
     textures
         The textures themselves.
+    sheets
+        (L,) which leaves of the graph have no inside.
     """
 
     def __init__(
@@ -107,27 +132,20 @@ class Materials:
         several: Sequence[Mapping[str, Any]],
         texture_numbers: Mapping[str, int],
         textures: Textures,
+        sheets: Bools,
     ) -> None:
         # The last row is the default, which number -1 finds.
         rows = [*several, DEFAULTS]
-        self._columns = {
-            key: np.array([row[key] for row in rows], dtype=float)
-            for key in (
-                "color",
-                "emission",
-                "roughness",
-                "metallic",
-                "specular",
-                "translucency",
-                "bump",
-            )
-        }
-        self._texture = np.array(
-            [texture_numbers.get(row["texture"] or "", -1) for row in rows], dtype=np.int64
-        )
+        self._columns = {key: np.array([row[key] for row in rows], dtype=float) for key in _NUMBERS}
+        texture = [texture_numbers.get(row["texture"] or "", -1) for row in rows]
+        relief = [texture_numbers.get(row["relief"] or "", -1) for row in rows]
+        self._texture = np.array(texture, dtype=np.int64)
+        self._relief = np.array(relief, dtype=np.int64)
         self._textures = textures
+        # Leaves with negative numbers, such as the ground, are no sheets.
+        self._sheets = np.append(sheets, [False, False])
 
-    def gather(self, hits: Hits, at: Ints, directions: Floats) -> Surface:
+    def gather(self, hits: Hits, at: Ints, directions: Floats, tracer: Tracer) -> Surface:
         """Return the surfaces of hits.
 
         Parameters
@@ -135,46 +153,139 @@ class Materials:
         at
             (M,) which of the hits.
         directions
-            (N, 3) unit directions of all rays.
+            (M, 3) unit directions of their rays.
+        tracer
+            Who finds the surface coordinates beside a point, for pictures that are reliefs.
         """
         which = hits.material[at]
-        viewer = -directions[at]
+        viewer = -directions
         position = hits.position[at]
-        normal = hits.normal[at]
-        normal = np.where(_dots(normal, viewer)[:, None] < 0, -normal, normal)
+        outward = hits.normal[at]
+        leaving = dots(outward, viewer) < 0
+        facing = np.where(leaving[:, None], -outward, outward)
         columns = {key: values[which] for key, values in self._columns.items()}
         override = hits.color[at]
         overridden = override[:, 0] >= 0
-        color = np.where(overridden[:, None], override, columns.pop("color"))
+        color = np.where(overridden[:, None], override, columns["color"])
         texture = np.where(hits.texture[at] >= 0, hits.texture[at], self._texture[which])
-        bump = columns.pop("bump")
-        bumped = normal
+        relief = np.where(self._relief[which] >= 0, self._relief[which], texture)
+        size = hits.texture_scale[at]
+        # A little below the surface: faces may lie on the planes of a pattern's lattice.
+        used = np.maximum(texture, relief)
+        depth = 1e-4 * np.where(used >= 0, np.append(self._textures.scale, 1.0)[used], 0.0) * size
+        inside = position - depth[:, None] * outward
         rows = np.flatnonzero(texture >= 0)
         if len(rows):
-            number, size = texture[rows], hits.texture_scale[at][rows]
-            # A little below the surface: faces may lie on the planes of a pattern's lattice.
-            reach = self._textures.scale[number] * size
-            inside = position[rows] - 1e-4 * reach[:, None] * hits.normal[at][rows]
-            amount = self._textures.amounts(number, inside, size)[:, None]
-            first = np.where(overridden[rows, None], override[rows], self._textures.color[number])
-            color[rows] = first + amount * (self._textures.color2[number] - first)
-            raised = np.flatnonzero(bump[rows] != 0)
-            if len(raised):
-                bumped = normal.copy()
-                at_raised = rows[raised]
-                slope = self._textures.relief(number[raised], inside[raised], size[raised])
-                # The second colour lies deeper: bark's cracks, marble's veins.
-                bumped[at_raised] = _bend(
-                    normal[at_raised], slope * bump[at_raised, None], viewer[at_raised]
+            number = texture[rows]
+            found = self._textures.colors(number, inside[rows], hits.uv[at][rows], size[rows])
+            given = np.flatnonzero(overridden[rows])
+            if len(given):
+                found[given] = self._tinted(
+                    number[given],
+                    override[rows[given]],
+                    found[given],
+                    inside[rows[given]],
+                    size[rows[given]],
                 )
-        return Surface(position, bumped, normal, viewer, color, **columns)
+            color[rows] = found
+        normal = facing
+        raised = np.flatnonzero((relief >= 0) & (columns["bump"] != 0))
+        if len(raised):
+            slope = self._slopes(hits, at[raised], relief[raised], inside[raised], tracer)
+            normal = facing.copy()
+            normal[raised] = _bend(
+                facing[raised], slope * columns["bump"][raised, None], viewer[raised]
+            )
+        leaf = hits.leaf[at]
+        sheet = self._sheets[np.where(leaf >= 0, leaf, len(self._sheets) - 1)]
+        ior = columns["ior"]
+        eta = np.where(leaving & ~sheet, 1.0 / ior, ior)
+        # Equal indices would leave no way to tell a facet.
+        eta = np.where(np.abs(eta - 1.0) < 1e-4, 1.0001, eta)
+        matter = Matter(
+            np.ascontiguousarray(normal),
+            facing,
+            viewer,
+            color,
+            columns["roughness"],
+            columns["metallic"],
+            columns["specular"],
+            columns["transmission"],
+            columns["translucency"],
+            eta,
+            sheet,
+            leaving & ~sheet,
+        )
+        return Surface(position, columns["emission"], matter, which)
+
+    def _tinted(
+        self, number: Ints, override: Floats, found: Floats, inside: Floats, size: Floats
+    ) -> Floats:
+        """Return textures' colours under a colour of the grammar.
+
+        It takes the place of a pattern's first colour, and tints a picture.
+        """
+        amount = self._textures.amounts(number, inside, size)[:, None]
+        pattern = override + amount * (self._textures.color2[number] - override)
+        picture = self._textures.is_picture(number)[:, None]
+        return np.where(picture, override * found, pattern)
+
+    def _slopes(self, hits: Hits, at: Ints, relief: Ints, inside: Floats, tracer: Tracer) -> Floats:
+        """Return (N, 3) vectors along which reliefs sink, with their steepness."""
+        size = hits.texture_scale[at]
+        slope = self._textures.relief(relief, inside, size)
+        on_surface = self._textures.is_picture(relief)
+        for number in np.unique(relief[on_surface]):
+            rows = np.flatnonzero(relief == number)
+            along = self._textures.slopes(number, hits.uv[at[rows]], size[rows])
+            across = _coordinates(hits, at[rows], tracer)
+            if self._textures.kind[number] == NORMALS:
+                # Normals are tilted towards u and v, whatever their lengths on the surface.
+                length = np.sqrt(np.square(across).sum(axis=2, keepdims=True))
+                across = across / np.maximum(length, 1e-300)
+            slope[rows] = -(along[:, :, None] * across).sum(axis=1)
+        return slope
+
+
+def _coordinates(hits: Hits, at: Ints, tracer: Tracer) -> Floats:
+    """Return (N, 2, 3) gradients of the surface coordinates u and v along the surface.
+
+    They are found by two more rays, which meet the surface beside each point. Where they meet
+    something else the gradients are zero: the surface counts as flat.
+    """
+    position, normal = hits.position[at], hits.normal[at]
+    helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(normal, helper)
+    first /= np.sqrt(dots(first, first))[:, None]
+    step = 1e-5 * np.maximum(np.abs(position).max(axis=1), hits.t[at])[:, None]
+    gradient = np.zeros((len(at), 2, 3))
+    fine = np.ones(len(at), dtype=bool)
+    for axis in (first, np.cross(normal, first)):
+        above = position + step * (axis + normal)
+        beside = tracer.intersect(above, -normal, 0.0, 2.0 * step[:, 0])
+        fine &= beside.leaf == hits.leaf[at]
+        change = beside.uv - hits.uv[at]
+        # Coordinates that go round jump by 1.
+        change = (change - np.round(change)) / step
+        gradient += change[:, :, None] * axis[:, None, :]
+    return np.where(fine[:, None, None], gradient, 0.0)
 
 
 def _bend(normal: Floats, slope: Floats, viewer: Floats) -> Floats:
-    """Return unit normals of a surface that sinks with a slope (M, 3), still towards the eye."""
-    slope = slope - _dots(slope, normal)[:, None] * normal
+    """Return unit normals of a surface that sinks with a slope (M, 3).
+
+    They face the viewer, and mirror nothing from below the surface: where they would, they are
+    turned back towards the geometry.
+    """
+    slope = slope - dots(slope, normal)[:, None] * normal
     bent = normal + slope
-    bent /= np.sqrt(_dots(bent, bent))[:, None]
-    away = np.minimum(_dots(bent, viewer) - 1e-3, 0.0)
-    bent = bent - away[:, None] * viewer
-    return np.asarray(bent / np.sqrt(_dots(bent, bent))[:, None])
+    bent /= np.sqrt(dots(bent, bent))[:, None]
+    for _ in range(4):
+        cos = dots(bent, viewer)
+        mirrored = 2.0 * cos * dots(bent, normal) - dots(viewer, normal)
+        wrong = (cos < 1e-3) | (mirrored < 1e-3)
+        bent[wrong] = 0.5 * (bent[wrong] + normal[wrong])
+        bent /= np.sqrt(dots(bent, bent))[:, None]
+    cos = dots(bent, viewer)
+    mirrored = 2.0 * cos * dots(bent, normal) - dots(viewer, normal)
+    return np.where(((cos < 1e-3) | (mirrored < 1e-3))[:, None], normal, bent)

@@ -9,7 +9,7 @@ from pcsg import __version__
 from pcsg.render.tracer import RenderScene
 
 if TYPE_CHECKING:
-    from pcsg.render.job import Options
+    from pcsg.render.options import Options
 
 
 def describe(scene: RenderScene, options: Options) -> dict[str, str]:

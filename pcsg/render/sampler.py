@@ -10,79 +10,109 @@ arguments: who computes it, and when, makes no difference.
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.jit import njit, plain
 from pcsg.render.tracer import Floats, Ints
 
 Words = NDArray[np.uint64]
 
 MAX_SAMPLES = 1 << 14
 
-_DIGITS = np.array(list(itertools.permutations(range(4))), dtype=np.uint64)
+_DIGITS = np.array(list(itertools.permutations(range(4))), dtype=np.uint64).ravel()
 _WEYL = 0x9E3779B97F4A7C15
 
 
-def _word(value: int) -> np.uint64:
-    return np.uint64(value & 0xFFFFFFFFFFFFFFFF)
+@njit
+def _mix(v: Any) -> Any:
+    """Return well mixed bits of a 64-bit word (Steele et al. 2014, variant 13 of splitmix64)."""
+    v = (v ^ (v >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    v = (v ^ (v >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return v ^ (v >> np.uint64(31))
 
 
-def _mix(v: Words) -> Words:
-    """Return well mixed bits of 64-bit words (Steele et al. 2014, variant 13 of splitmix64)."""
-    v = (v ^ (v >> _word(30))) * _word(0xBF58476D1CE4E5B9)
-    v = (v ^ (v >> _word(27))) * _word(0x94D049BB133111EB)
-    return v ^ (v >> _word(31))
+@njit
+def _separate(v: Any) -> Any:
+    """Put a zero bit between the bits of a 32-bit number."""
+    v = (v | (v << np.uint64(16))) & np.uint64(0x0000FFFF0000FFFF)
+    v = (v | (v << np.uint64(8))) & np.uint64(0x00FF00FF00FF00FF)
+    v = (v | (v << np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    v = (v | (v << np.uint64(2))) & np.uint64(0x3333333333333333)
+    return (v | (v << np.uint64(1))) & np.uint64(0x5555555555555555)
 
 
-def _separate(v: Words) -> Words:
-    """Put a zero bit between the bits of 32-bit numbers."""
-    for shift, mask in (
-        (16, 0x0000FFFF0000FFFF),
-        (8, 0x00FF00FF00FF00FF),
-        (4, 0x0F0F0F0F0F0F0F0F),
-        (2, 0x3333333333333333),
-        (1, 0x5555555555555555),
-    ):
-        v = (v | (v << _word(shift))) & _word(mask)
-    return v
-
-
-def _superset_xor(v: Words) -> Words:
+@njit
+def _superset_xor(v: Any) -> Any:
     """Multiply by Pascal's triangle modulo 2, the second Sobol' matrix.
 
     Entry (i, j) is binomial(j, i) mod 2, which is 1 where the bits of i are among those of j
     (Lucas), so the product is a butterfly over the six bits of the position.
     """
-    for shift, mask in (
-        (1, 0x5555555555555555),
-        (2, 0x3333333333333333),
-        (4, 0x0F0F0F0F0F0F0F0F),
-        (8, 0x00FF00FF00FF00FF),
-        (16, 0x0000FFFF0000FFFF),
-        (32, 0x00000000FFFFFFFF),
-    ):
-        v = v ^ ((v >> _word(shift)) & _word(mask))
-    return v
+    v = v ^ ((v >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    v = v ^ ((v >> np.uint64(2)) & np.uint64(0x3333333333333333))
+    v = v ^ ((v >> np.uint64(4)) & np.uint64(0x0F0F0F0F0F0F0F0F))
+    v = v ^ ((v >> np.uint64(8)) & np.uint64(0x00FF00FF00FF00FF))
+    v = v ^ ((v >> np.uint64(16)) & np.uint64(0x0000FFFF0000FFFF))
+    return v ^ ((v >> np.uint64(32)) & np.uint64(0x00000000FFFFFFFF))
 
 
-def _scrambled(v: Words, seed: np.uint32) -> Floats:
-    """Owen-scramble radical inverses that are given low bit first; return them in [0, 1).
+@njit
+def _scrambled(v: Any, key: Any) -> float:
+    """Owen-scramble a radical inverse that is given low bit first; return it in [0, 1).
 
     Laine & Karras 2011 with the constants of Vegdahl 2021: bits depend on lower bits only.
     """
-    x = v.astype(np.uint32)
-    x ^= x * np.uint32(0x3D20ADEA)
-    x += seed
-    x *= (seed >> np.uint32(16)) | np.uint32(1)
-    x ^= x * np.uint32(0x05526C56)
-    x ^= x * np.uint32(0x53A22864)
-    for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF)):
-        m = np.uint32(mask)
-        s = np.uint32(shift)
-        x = ((x >> s) & m) | ((x & m) << s)
-    x = (x >> np.uint32(16)) | (x << np.uint32(16))
-    return np.asarray(x * 2.0**-32)
+    low = np.uint64(0xFFFFFFFF)
+    x, seed = v & low, key & low
+    x ^= (x * np.uint64(0x3D20ADEA)) & low
+    x = (x + seed) & low
+    x = (x * ((seed >> np.uint64(16)) | np.uint64(1))) & low
+    x ^= (x * np.uint64(0x05526C56)) & low
+    x ^= (x * np.uint64(0x53A22864)) & low
+    x = ((x >> np.uint64(1)) & np.uint64(0x55555555)) | (
+        (x & np.uint64(0x55555555)) << np.uint64(1)
+    )
+    x = ((x >> np.uint64(2)) & np.uint64(0x33333333)) | (
+        (x & np.uint64(0x33333333)) << np.uint64(2)
+    )
+    x = ((x >> np.uint64(4)) & np.uint64(0x0F0F0F0F)) | (
+        (x & np.uint64(0x0F0F0F0F)) << np.uint64(4)
+    )
+    x = ((x >> np.uint64(8)) & np.uint64(0x00FF00FF)) | (
+        (x & np.uint64(0x00FF00FF)) << np.uint64(8)
+    )
+    x = ((x >> np.uint64(16)) | (x << np.uint64(16))) & low
+    return float(np.int64(x)) * 2.0**-32
+
+
+@njit(entry=True)
+def _fill_pairs(
+    x: Ints,
+    y: Ints,
+    sample: Ints,
+    sample_digits: int,
+    digits: int,
+    keys: Words,
+    permutations: Words,
+    out: Floats,
+) -> None:
+    """Write the pairs of pixels and samples to out (N, 2)."""
+    for k in range(len(x)):
+        curve = _separate(np.uint64(x[k])) | (_separate(np.uint64(y[k])) << np.uint64(1))
+        curve = (curve << np.uint64(2 * sample_digits)) | np.uint64(sample[k])
+        # Every digit in base 4 is permuted by the digits above it: a shuffle that keeps the order.
+        index = np.uint64(0)
+        for place in range(digits):
+            shift = np.uint64(2 * place)
+            digit = (curve >> shift) & np.uint64(3)
+            above = curve >> (shift + np.uint64(2))
+            which = (_mix(above ^ keys[0]) >> np.uint64(24)) % np.uint64(24)
+            index |= permutations[np.int64(which * np.uint64(4) + digit)] << shift
+        out[k, 0] = _scrambled(index, keys[0])
+        out[k, 1] = _scrambled(_superset_xor(index), keys[1])
 
 
 class Sampler:
@@ -117,41 +147,38 @@ class Sampler:
         purpose
             What the numbers are for: numbers of different purposes are independent.
         """
-        curve = _separate(x.astype(np.uint64)) | (_separate(y.astype(np.uint64)) << _word(1))
-        curve = (curve << _word(2 * self.sample_digits)) | sample.astype(np.uint64)
-        start = self.seed * 256 + purpose + 1
-        keys = _mix(np.array([_word(_WEYL * start), _word(_WEYL * start + 1)]))
-        index = np.zeros_like(curve)
-        for k in reversed(range(self.digits)):
-            digit = (curve >> _word(2 * k)) & _word(3)
-            above = curve >> _word(2 * k + 2)
-            which = (_mix(above ^ keys[0]) >> _word(24)) % _word(24)
-            index |= _DIGITS.ravel()[which * _word(4) + digit] << _word(2 * k)
-        result = np.empty((len(index), 2))
-        first, second = keys.astype(np.uint32)
-        result[:, 0] = _scrambled(index, first)
-        result[:, 1] = _scrambled(_superset_xor(index), second)
-        return result
+        out = np.empty((len(x), 2))
+        keys = self.keys(purpose)
+        _fill_pairs(x, y, sample, self.sample_digits, self.digits, keys, _DIGITS, out)
+        return out
+
+    def keys(self, purpose: int) -> Words:
+        """Return the (2,) words that scramble the numbers of a purpose."""
+        start = (self.seed * 4096 + purpose + 1) * _WEYL
+        low = 0xFFFFFFFFFFFFFFFF
+        words = np.array([start & low, (start + 1) & low], dtype=np.uint64)
+        mixed: Words = plain(_mix)(words)
+        return mixed
 
 
 def disc_cone(pairs: Floats, axis: Floats, cos_angle: float) -> Floats:
     """Return (N, 3) unit vectors uniform in the cone of a half angle about a unit axis."""
     z = 1.0 - pairs[:, 0] * (1.0 - cos_angle)
-    return _around(np.broadcast_to(axis, (len(pairs), 3)), z, pairs[:, 1])
+    return around(np.broadcast_to(axis, (len(pairs), 3)), z, pairs[:, 1])
 
 
 def cosine_hemisphere(pairs: Floats, normals: Floats) -> Floats:
     """Return (N, 3) unit vectors about unit normals with density cos / pi."""
-    return _around(normals, np.sqrt(1.0 - pairs[:, 0]), pairs[:, 1])
+    return around(normals, np.sqrt(1.0 - pairs[:, 0]), pairs[:, 1])
 
 
 def sphere(pairs: Floats) -> Floats:
     """Return (N, 3) unit vectors in uniform directions."""
     axis = np.array([[0.0, 0.0, 1.0]])
-    return _around(np.broadcast_to(axis, (len(pairs), 3)), 1.0 - 2.0 * pairs[:, 0], pairs[:, 1])
+    return around(np.broadcast_to(axis, (len(pairs), 3)), 1.0 - 2.0 * pairs[:, 0], pairs[:, 1])
 
 
-def _around(axes: Floats, z: Floats, turn: Floats) -> Floats:
+def around(axes: Floats, z: Floats, turn: Floats) -> Floats:
     """Return unit vectors of given cosines and angles (in turns) about unit axes."""
     # The frame of Duff et al. 2017 has no singular direction.
     sign = np.copysign(1.0, axes[:, 2])

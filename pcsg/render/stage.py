@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,10 +12,19 @@ import numpy as np
 from pcsg.errors import UsageError, suggest
 from pcsg.graph.settings import SETTINGS
 from pcsg.render.camera import Camera, place, tame
-from pcsg.render.lights import Light, Sky, make_points, make_sky, make_sun
+from pcsg.render.daylight import PhysicalSky, sunlight
+from pcsg.render.lights import Light, make_balls, make_sun, sun_direction
 from pcsg.render.materials import Materials
+from pcsg.render.sky import DARK, Sky, make_sky
 from pcsg.render.textures import Textures
-from pcsg.render.tracer import GroundedTracer, RenderScene, Tracer
+from pcsg.render.tracer import (
+    DetailedTracer,
+    GroundedTracer,
+    RenderScene,
+    Tracer,
+    WideTracer,
+)
+from pcsg.render.view import View
 
 Overrides = Mapping[str, Mapping[str, Any]]
 """Values by kind of setting and key that replace the grammar's."""
@@ -33,23 +43,45 @@ class Stage:
     extent
         Greatest side of the bounds: what is far and near in this scene.
     lights
-        Sources with shadow rays; the sun comes first.
+        Sun, balls and points.
+    sources
+        All that shines from outside the scene: the lights, and the sky if there is one.
+    sky
+        The sky; a dark one if there is none.
+    sun_is_seen
+        Whether the camera sees the sun's disc.
     ground
         Whether there is a ground plane.
+    mode, bounces
+        How light is followed, over how many surfaces.
+    view
+        How it is shown.
     """
 
     tracer: Tracer
     things: Tracer
     camera: Camera
     lights: tuple[Light, ...]
+    sources: tuple[Light, ...]
     sky: Sky
+    sun_is_seen: bool
     materials: Materials
     extent: float
     ground: bool
+    mode: str
+    bounces: int
+    view: View
 
 
-def build_stage(scene: RenderScene, size: tuple[int, int], overrides: Overrides) -> Stage:
+def build_stage(
+    scene: RenderScene, size: tuple[int, int], overrides: Overrides, detail: float = 0.0
+) -> Stage:
     """Return the stage of a scene for a picture of a size.
+
+    Parameters
+    ----------
+    detail
+        Pixels below which nothing is looked into; 0 for all that there is.
 
     Raises
     ------
@@ -61,12 +93,19 @@ def build_stage(scene: RenderScene, size: tuple[int, int], overrides: Overrides)
     box = tame(bounds)
     textures = Textures.of(scene.setting_values("texture"))
     materials = Materials(
-        scene.setting_values("material"), scene.setting_numbers("texture"), textures
+        scene.setting_values("material"), scene.setting_numbers("texture"), textures, scene.sheets
     )
     camera = place(_values(scene, "camera", overrides), bounds, width / height, scene.tracer)
-    sun = make_sun(_values(scene, "sun", overrides))
-    points = make_points(scene.setting_values("light"))
-    things = tracer = scene.tracer
+    sun_values, sky_values = (_values(scene, kind, overrides) for kind in ("sun", "sky"))
+    sky = make_sky(sky_values, sun_direction(sun_values))
+    physical = isinstance(sky, PhysicalSky)
+    dimmed = (1.0, 1.0, 1.0)
+    if isinstance(sky, PhysicalSky):
+        dimmed = sunlight(sky.sun[2], sky.turbidity)
+    sun = make_sun(sun_values, dimmed)
+    balls = make_balls(scene.setting_values("light"))
+    film = _values(scene, "film", overrides)
+    things = tracer = _detailed(scene.tracer, camera, height, detail)
     grounded = bool(scene.setting_values("ground")) or "ground" in overrides
     extent = float((box[1] - box[0]).max())
     if grounded:
@@ -74,9 +113,30 @@ def build_stage(scene: RenderScene, size: tuple[int, int], overrides: Overrides)
         z = float(box[0, 2] - 1e-6 * extent) if values["z"] is None else float(values["z"])
         number = _material_number(scene, values["material"])
         tracer = GroundedTracer(tracer, z, number)
-    lights: tuple[Light, ...] = (*((sun,) if sun else ()), *points)
-    sky = make_sky(_values(scene, "sky", overrides))
-    return Stage(tracer, things, camera, lights, sky, materials, extent, grounded)
+    lights: tuple[Light, ...] = (*((sun,) if sun else ()), *balls)
+    return Stage(
+        tracer=tracer,
+        things=things,
+        camera=camera,
+        lights=lights,
+        sources=(*lights, *((sky,) if sky else ())),
+        sky=sky or DARK,
+        sun_is_seen=physical,
+        materials=materials,
+        extent=extent,
+        ground=grounded,
+        mode=film["mode"],
+        bounces=round(film["bounces"]),
+        view=View(film["view"], float(film["exposure"])),
+    )
+
+
+def _detailed(tracer: Tracer, camera: Camera, height: int, detail: float) -> Tracer:
+    """Return a tracer that does not look into what is smaller than some pixels."""
+    if detail == 0.0 or not isinstance(tracer, WideTracer):
+        return tracer
+    pixel = 2.0 * math.tan(math.radians(camera.fov) / 2.0) / height
+    return DetailedTracer(tracer, camera.eye, detail * pixel)
 
 
 def _values(scene: RenderScene, kind: str, overrides: Overrides) -> dict[str, Any]:

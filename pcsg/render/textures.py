@@ -1,7 +1,8 @@
-"""Procedural textures: how much of the second colour there is at a point of space.
+"""Textures: patterns of space, and pictures on surfaces.
 
-Patterns are solid: cut from a block, so they need no surface coordinates. Lengths are in periods
-of the pattern.
+A pattern says how much of the second colour there is at a point. Patterns are solid: cut from a
+block, so they need no surface coordinates. Lengths are in periods of the pattern. A picture lies on
+the surface coordinates (u, v) and repeats.
 """
 
 from __future__ import annotations
@@ -9,13 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pcsg.errors import UsageError
 from pcsg.graph.settings import SETTINGS
 from pcsg.jit import njit
-from pcsg.render.tracer import Floats, Ints
+from pcsg.render.pictures import read_linear, read_values
+from pcsg.render.tracer import Bools, Floats, Ints
 
 KINDS = SETTINGS["texture"].keys["kind"].words
 
@@ -60,6 +64,30 @@ def fractal_noise(x: float, y: float, z: float, octaves: int) -> float:
     return total
 
 
+_CRESTS = 24
+
+
+@njit
+def _waves(x: float, y: float) -> float:
+    """Return the height of a wind sea at rest: long-crested waves, most along x.
+
+    Lengths fall from 1 to 1/16 by the golden ratio's steps, so that nothing repeats; heights fall a
+    little faster than lengths, as in a spectrum of a sea under wind.
+    """
+    total, height = 0.0, 0.0
+    for k in range(_CRESTS):
+        share = k / (_CRESTS - 1.0)
+        length = 0.0625**share
+        spread = (k * 0.6180339887498949) % 1.0 - 0.5
+        angle = spread * (1.2 + 1.2 * share)
+        phase = 2.0 * math.pi * ((k * 0.7548776662466927) % 1.0)
+        along = (x * math.cos(angle) + y * math.sin(angle)) / length
+        total += length**1.1 * math.sin(2.0 * math.pi * along + phase)
+        height += length**1.1
+    # Deviations add like noise, so the sum rarely leaves a part of its range.
+    return min(max(0.5 + 1.2 * total / height, 0.0), 1.0)
+
+
 @njit
 def pattern(kind: int, x: float, y: float, z: float) -> float:
     """Return the amount of the second colour, in [0, 1]."""
@@ -74,6 +102,8 @@ def pattern(kind: int, x: float, y: float, z: float) -> float:
         ring -= math.floor(ring)
         grain = 0.2 * noise(24.0 * x, 24.0 * y, 1.5 * z)
         return min(max(ring * ring * (1.0 - 0.6 * ring**6) * 1.3 + grain, 0.0), 1.0)
+    if kind == 5:
+        return _waves(x, y)
     if kind == 4:
         wave = 0.6 * fractal_noise(1.5 * x, 1.5 * y, 0.4 * z, 3)
         ridge = abs(fractal_noise(5.0 * x + wave, 5.0 * y - wave, 1.1 * z, 4))
@@ -100,26 +130,42 @@ class Textures:
     color, color2
         (K, 3) first and second colour.
     scale
-        (K,) size of the pattern in world units.
+        (K,) size of the pattern in world units, of a picture in (u, v).
+    pictures
+        By number: (H, W, 3) pixels of the kinds image, linear, and normals, as they are.
     """
 
     kind: Ints
     color: Floats
     color2: Floats
     scale: Floats
+    pictures: Mapping[int, Floats]
 
     @classmethod
     def of(cls, several: Sequence[Mapping[str, Any]]) -> Textures:
-        """Return the textures of settings ``texture NAME {}``."""
+        """Return the textures of settings ``texture NAME {}``.
+
+        Raises
+        ------
+        UsageError
+            A picture is not given, or is none.
+        EnvironmentFault
+            A picture cannot be read.
+        """
         return cls(
             np.array([KINDS.index(v["kind"]) for v in several], dtype=np.int64),
             np.array([v["color"] for v in several], dtype=float).reshape(-1, 3),
             np.array([v["color2"] for v in several], dtype=float).reshape(-1, 3),
             np.array([v["scale"] for v in several], dtype=float),
+            {k: _read(v) for k, v in enumerate(several) if v["kind"] in ("image", "normals")},
         )
 
-    def amounts(self, which: Ints, position: Floats, size: Floats) -> Floats:
-        """Return (N,) amounts of the second colour at world positions (N, 3).
+    def is_picture(self, which: Ints) -> Bools:
+        """Return (N,) which textures lie on surface coordinates."""
+        return np.asarray((self.kind[which] == IMAGE) | (self.kind[which] == NORMALS))
+
+    def colors(self, which: Ints, position: Floats, uv: Floats, size: Floats) -> Floats:
+        """Return (N, 3) colours at world positions (N, 3) with surface coordinates (N, 2).
 
         Parameters
         ----------
@@ -128,6 +174,32 @@ class Textures:
         size
             (N,) scales from the grammar, on top of the textures' own.
         """
+        amount = self.amounts(which, position, size)[:, None]
+        first = self.color[which]
+        found = first + amount * (self.color2[which] - first)
+        for number in self.pictures:
+            rows = np.flatnonzero((which == number) & (self.kind[which] == IMAGE))
+            if len(rows):
+                found[rows] = self.look_up(number, uv[rows], size[rows])
+        return np.asarray(found)
+
+    def look_up(self, number: int, uv: Floats, size: Floats) -> Floats:
+        """Return (N, 3) values of a picture at surface coordinates (N, 2): the mean of four."""
+        pixels = self.pictures[number]
+        height, width = pixels.shape[:2]
+        scale = self.scale[number] * size
+        x = uv[:, 0] / scale * width - 0.5
+        y = -uv[:, 1] / scale * height - 0.5
+        left, top = np.floor(x), np.floor(y)
+        s, t = (x - left)[:, None], (y - top)[:, None]
+        columns = [(left.astype(np.int64) + k) % width for k in (0, 1)]
+        rows = [(top.astype(np.int64) + k) % height for k in (0, 1)]
+        upper = (1 - s) * pixels[rows[0], columns[0]] + s * pixels[rows[0], columns[1]]
+        lower = (1 - s) * pixels[rows[1], columns[0]] + s * pixels[rows[1], columns[1]]
+        return np.asarray((1 - t) * upper + t * lower)
+
+    def amounts(self, which: Ints, position: Floats, size: Floats) -> Floats:
+        """Return (N,) amounts of the second colour at world positions (N, 3)."""
         points = position / (self.scale[which] * size)[:, None]
         values = np.empty(len(which))
         evaluate(self.kind[which], np.ascontiguousarray(points), values)
@@ -142,3 +214,32 @@ class Textures:
             for axis in np.eye(3)
         ]
         return np.stack(slopes, axis=1) / 1e-3
+
+    def slopes(self, number: int, uv: Floats, size: Floats) -> Floats:
+        """Return (N, 2) slopes of the relief of a picture along u and v.
+
+        Of a picture of normals, as it says: red along u, green along v, blue upwards. Of any other,
+        the differences of its brightness, in the picture's widths.
+        """
+        if self.kind[number] == NORMALS:
+            tilt = 2.0 * self.look_up(number, uv, size) - 1.0
+            return np.asarray(-tilt[:, :2] / np.maximum(tilt[:, 2:], 0.05))
+        step = self.scale[number] * size / max(self.pictures[number].shape)
+        found = []
+        for axis in np.eye(2):
+            shift = step[:, None] * axis
+            ahead = self.look_up(number, uv + shift, size).mean(axis=1)
+            behind = self.look_up(number, uv - shift, size).mean(axis=1)
+            found.append((ahead - behind) / (2.0 * step))
+        # Lower is darker, while in patterns the second colour lies deeper.
+        return np.stack(found, axis=1)
+
+
+IMAGE, NORMALS = KINDS.index("image"), KINDS.index("normals")
+
+
+def _read(values: Mapping[str, Any]) -> Floats:
+    if values["file"] is None:
+        raise UsageError(f"a texture of kind `{values['kind']}` needs a `file`")
+    path = Path(values["file"])
+    return read_values(path) if values["kind"] == "normals" else read_linear(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,35 @@ def compress(linear: Any) -> Any:
     return np.where(linear <= KNEE, linear, KNEE + (1.0 - KNEE) * (over / (1.0 + over)))
 
 
-def encode(linear: Any) -> Any:
-    """Return the standard view of linear light: sRGB with a soft shoulder, in [0, 1]."""
-    return encode_srgb(compress(linear))
+def film_curve(linear: Any) -> Any:
+    """Return values below 1 with the toe and the long shoulder of film.
+
+    The fit of Narkowicz 2016 to the curve of the Academy's reference display, for light that is
+    0.6 times as bright as the fit takes, so that middle grey stays where it is.
+    """
+    x = 0.6 * np.maximum(linear, 0.0)
+    return np.minimum(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 1.0)
+
+
+CURVES = {"standard": compress, "filmic": film_curve}
+
+
+@dataclass(frozen=True)
+class View:
+    """How linear light is shown.
+
+    Attributes
+    ----------
+    curve
+        One of `CURVES`.
+    exposure
+        In stops: 1 is twice as bright.
+    """
+
+    curve: str = "standard"
+    exposure: float = 0.0
+
+    def encode(self, linear: Any) -> Any:
+        """Return values to display, in [0, 1]."""
+        scale = np.float32(2.0**self.exposure)
+        return encode_srgb(CURVES[self.curve](np.asarray(linear) * scale))

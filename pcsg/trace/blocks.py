@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
+from pcsg.graph.bounds import pad
 from pcsg.graph.code import compose_affine, invert_affine
 from pcsg.graph.graph import Graph
+from pcsg.graph.hulls import EMPTY as EMPTY_BOX
 from pcsg.graph.hulls import Bounds, Hulls, Part
 from pcsg.graph.nodes import Leaf
-from pcsg.graph.states import StateGraph
-from pcsg.leaf.registry import Solid
+from pcsg.graph.states import StateGraph, StateItem
 from pcsg.trace.groups import (
     BLOCK,
     EMPTY,
@@ -33,9 +34,11 @@ from pcsg.trace.groups import (
     Reference,
     gather,
 )
+from pcsg.trace.pool import ModelPool
+from pcsg.trace.rulebook import Fixture
 from pcsg.trace.simd import SINGLE, WIDTH
 from pcsg.trace.small import SmallOperation, flatten_operation
-from pcsg.vec import IDENTITY, Affine
+from pcsg.vec import IDENTITY, Affine, Vec3
 
 OPEN_ROOT, OPEN_GROUP = 1_000, 64
 """References up to which the root and the other groups are opened."""
@@ -124,18 +127,50 @@ class _Cut(NamedTuple):
     reference: Reference
 
 
-def build_blocks(graph: Graph, states: StateGraph) -> Blocks:
-    """Return the blocks of a finite acyclic state graph."""
+def build_blocks(graph: Graph, states: StateGraph, models: ModelPool | None = None) -> Blocks:
+    """Return the blocks of a finite acyclic state graph; models of its leaves go into a pool."""
     hulls = Hulls(states)
     hulls.tolerance = CUT_TOLERANCE
-    return _Builder(graph, gather(states, hulls), hulls).build()
+    return _Builder(graph, gather(states, hulls), hulls, models or ModelPool()).build()
+
+
+def build_fixtures(
+    graph: Graph, states: StateGraph, models: ModelPool
+) -> tuple[Blocks, list[Fixture]]:
+    """Return the blocks of a union of states, and each of these states by itself.
+
+    Attributes that come from outside are NaN.
+    """
+    hulls = Hulls(states)
+    hulls.tolerance = CUT_TOLERANCE
+    groups = gather(states, hulls)
+    builder = _Builder(graph, groups, hulls, models)
+    builder.defaults = (math.nan,) * len(ATTRIBUTE_DEFAULTS)
+    builder.wanted += [g for g in groups.parts if g >= 0]
+    blocks = builder.build()
+    starts = [item.state for item in states.states[0].content or () if isinstance(item, StateItem)]
+    fixtures = []
+    for state, group in zip(starts, groups.parts, strict=True):
+        part = hulls.parts[state]
+        if part is None or group < 0:
+            fixtures.append(Fixture(0, EMPTY_BOX, (0.0, 0.0, 0.0), 0.0))
+            continue
+        box = pad(hulls.box(part))
+        # The hull's own ball, where its frame is the state's.
+        center, radius = Vec3(0.0, 0.0, 0.0), math.inf
+        if part.outer_from_inner == IDENTITY:
+            center, radius = part.hull.center, part.hull.radius * (1.0 + 1e-12)
+        fixtures.append(Fixture(builder.first_block[group], box, center, radius))
+    return blocks, fixtures
 
 
 class _Builder:
-    def __init__(self, graph: Graph, groups: Groups, hulls: Hulls) -> None:
+    def __init__(self, graph: Graph, groups: Groups, hulls: Hulls, models: ModelPool) -> None:
         self.graph = graph
+        self.models = models
         self.groups = groups
         self.hulls = hulls
+        self.defaults: tuple[float, ...] = ATTRIBUTE_DEFAULTS
         self.boxes: list[NDArray[np.float32]] = []
         self.refs: list[list[int]] = []
         self.inverses: list[Affine] = []
@@ -296,13 +331,16 @@ class _Builder:
         args: list[float] = []
         attributes: list[float] = []
         for record in self.groups.leaves:
-            solid = self._solid(record.node)
-            leaves.append((solid.kind, len(args), int(solid.sheet), record.node))
-            args.extend(record.args)
+            leaf = self._leaf(record.node)
+            leaves.append((leaf.solid.kind, len(args), int(leaf.is_sheet), record.node))
+            if leaf.constants:
+                args.extend(self.models.place(leaf.model(record.args)))
+            else:
+                args.extend(record.args)
             # What no attribute node assigns is not live, so states do not know it.
             attributes.extend(
                 default if math.isnan(value) else value
-                for value, default in zip(record.attributes, ATTRIBUTE_DEFAULTS, strict=True)
+                for value, default in zip(record.attributes, self.defaults, strict=True)
             )
         operations: list[int] = []
         begins: dict[int, int] = {}
@@ -335,18 +373,17 @@ class _Builder:
         boxes = [self.hulls.box(r.hull) for r in self.groups.groups[root]] if root >= 0 else []
         return _hull(np.array(boxes or [(0.0,) * 6])).reshape(2, 3)
 
-    def _solid(self, number: int) -> type[Solid]:
+    def _leaf(self, number: int) -> Leaf:
         node = self.graph.nodes[number]
         assert isinstance(node, Leaf)
-        return node.solid
+        return node
 
     def _sheets(self) -> list[bool]:
         """Return for every operation whether there are sheets below it."""
         groups = self.groups
         has: dict[tuple[int, int], bool] = {}
         for k, record in enumerate(groups.leaves):
-            node = self.graph.nodes[record.node]
-            has[LEAF, k] = isinstance(node, Leaf) and node.solid.sheet
+            has[LEAF, k] = self._leaf(record.node).is_sheet
         # Groups and operations refer to what was found before them, or nearly: repeat until still.
         changed = True
         while changed:

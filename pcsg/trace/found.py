@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
 from pcsg.jit import njit
-from pcsg.leaf.dispatch import leaf_uv
-from pcsg.leaf.registry import Pool
+from pcsg.leaf.dispatch import leaf_attributes, leaf_uv
+from pcsg.leaf.registry import LEAVES, Pool, Solid
 from pcsg.trace.blocks import Blocks
 from pcsg.trace.hits import Hits
 from pcsg.vec import Vec3
@@ -74,6 +74,32 @@ def find_uv(
             out[i, 0], out[i, 1] = leaf_uv(leaves[leaf], p, args, leaves[leaf + 1], pool)
 
 
+@njit(entry=True)
+def find_own_attributes(
+    leaves: NDArray[np.int32],
+    args: NDArray[np.float64],
+    pool: Pool,
+    record: NDArray[np.int32],
+    local: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Write the colours and labels that leaves with data have themselves; negative for none.
+
+    Parameters
+    ----------
+    leaves, args, record, local
+        As for `find_uv`.
+    out : float64 (N, 4)
+    """
+    for i in range(len(record)):
+        if record[i] >= 0:
+            leaf = 4 * record[i]
+            p = Vec3(local[i, 0], local[i, 1], local[i, 2])
+            own = leaf_attributes(leaves[leaf], p, args, leaves[leaf + 1], pool)
+            for k in range(4):
+                out[i, k] = own[k]
+
+
 class FoundHits(Hits):
     """First crossings that are looked up in the leaf records when somebody asks.
 
@@ -107,10 +133,22 @@ class FoundHits(Hits):
             values[at] = getattr(hits, name)
         return values
 
-    def _attribute(self, name: str, slots: int | slice, kind: type) -> Any:
+    def _attribute(self, slots: int | slice, kind: type) -> Any:
         # The last row is for misses, whose record is -1.
         table = self._blocks.attributes.reshape(-1, len(ATTRIBUTE_DEFAULTS))[:, slots]
-        return self._complete(name, table.astype(kind)[self._found.record])
+        return table.astype(kind)[self._found.record]
+
+    @cached_property
+    def _own(self) -> Any:
+        """Colours and labels of the leaves' own, None where no leaf has any."""
+        solids = tuple(LEAVES.values())
+        kinds = np.unique(self._blocks.leaves[::4])
+        if all(solids[kind].attributes is Solid.attributes for kind in kinds):
+            return None
+        own = np.full((len(self.t), 4), -1.0)
+        arrays = self._blocks.leaves, self._blocks.args, self._pool
+        find_own_attributes(*arrays, self._found.record, self._found.local, own)
+        return own
 
     @cached_property
     def leaf(self) -> Any:
@@ -134,24 +172,30 @@ class FoundHits(Hits):
     @cached_property
     def color(self) -> Any:
         """Colors."""
-        return self._attribute("color", slice(0, 3), np.float64)
+        color = self._attribute(slice(0, 3), np.float64)
+        if self._own is not None:
+            color = np.where(self._own[:, :3] >= 0.0, self._own[:, :3], color)
+        return self._complete("color", color)
 
     @cached_property
     def material(self) -> Any:
         """Numbers of the materials."""
-        return self._attribute("material", 3, np.int64)
+        return self._complete("material", self._attribute(3, np.int64))
 
     @cached_property
     def texture(self) -> Any:
         """Numbers of the textures."""
-        return self._attribute("texture", 4, np.int64)
+        return self._complete("texture", self._attribute(4, np.int64))
 
     @cached_property
     def texture_scale(self) -> Any:
         """Second arguments of `texture`."""
-        return self._attribute("texture_scale", 5, np.float64)
+        return self._complete("texture_scale", self._attribute(5, np.float64))
 
     @cached_property
     def label(self) -> Any:
         """Labels."""
-        return self._attribute("label", 6, np.int64)
+        label = self._attribute(6, np.int64)
+        if self._own is not None:
+            label = np.where(self._own[:, 3] >= 0.0, self._own[:, 3].astype(np.int64), label)
+        return self._complete("label", label)

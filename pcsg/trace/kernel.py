@@ -14,7 +14,7 @@ import math
 from typing import NamedTuple
 
 from pcsg.jit import njit
-from pcsg.leaf.registry import ANY, Pool
+from pcsg.leaf.registry import ANY, OVERFLOW, Pool
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.indices import place, wide
 from pcsg.trace.merge import tolerance
@@ -149,6 +149,8 @@ def find_first(
             n = cross_reference(
                 trees, pool, scratch, kind, index, load_ray(rays, at_level), near, far
             )
+            if n == OVERFLOW:
+                return UNDECIDED
             for k in range(ENDS, n, 2):
                 lo, hi = small[place(k)], small[place(k + 1)]
                 if kind == LEAF and is_sheet(trees, index):

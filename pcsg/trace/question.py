@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.jit import njit
-from pcsg.leaf.registry import Pool
+from pcsg.leaf.registry import OVERFLOW, Pool
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.indices import wide
 from pcsg.trace.merge import tolerance
@@ -136,6 +136,8 @@ def ask(
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
             n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level), t, far)
+            if n == OVERFLOW:
+                return UNDECIDED, t
             for k in range(ENDS, n, 2):
                 lo, hi = small[k], small[k + 1]
                 if hi <= beyond or hi <= lo:

@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Callable
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from pcsg.trace.blocks_batch import BAD_RAY, find_batch
 from pcsg.trace.found import Found, FoundHits, make_found
 from pcsg.trace.hits import Hits, Spans
 from pcsg.trace.kernel import Extent
+from pcsg.trace.pool import pool_of
 from pcsg.trace.rays import Rays, check_values, count_processors, run_chunks, shape_rays
 from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, Trees, make_scratch
 from pcsg.trace.walker import Walker
@@ -42,6 +43,9 @@ class StatesTracer:
         Most threads of one call; by default one for each processor.
     """
 
+    kernel: Any = find_batch
+    """The compiled entry."""
+
     def __init__(
         self,
         graph: Graph,
@@ -49,19 +53,25 @@ class StatesTracer:
         walker: Callable[[], Walker],
         threads: int | None = None,
     ) -> None:
-        self.blocks: Blocks = build_blocks(graph, states)
+        self._models = pool_of(graph)
+        self.blocks: Blocks = build_blocks(graph, states, self._models)
         self.threads = threads or count_processors()
         self._make_walker = walker
         self._lock = threading.Lock()
         self._trees = Trees(*(getattr(self.blocks, name) for name in Trees._fields))
         self._extent = _extent_of(self.blocks.box)
-        self._pool: Pool = (np.zeros(1), np.zeros(1, np.float32), np.zeros(1, np.int32))
+        self._pool: Pool = self._models.pool
         self._local = threading.local()
 
     @property
     def nbytes(self) -> dict[str, int]:
         """Bytes of what rays read."""
-        return {"blocks": self.blocks.nbytes}
+        return {"blocks": self.blocks.nbytes, **self._models.nbytes}
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of blocks."""
+        return {"blocks": self.blocks.n_blocks}
 
     @cached_property
     def _lists(self) -> Walker:

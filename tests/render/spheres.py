@@ -12,6 +12,7 @@ from pcsg.trace.hits import Hits
 class Spheres:
     parameters: Mapping[str, float] = {"cnt": 3.0}
     source_hash = "0123abcd"
+    sheets = np.zeros(8, dtype=bool)
 
     def __init__(
         self,

@@ -8,7 +8,9 @@ from PIL import Image as Pillow
 from spheres import Spheres
 
 from pcsg.errors import EnvironmentFault, EvaluationFault, UsageError
-from pcsg.render.job import Job, Options, render
+from pcsg.graph.settings import SETTINGS
+from pcsg.render.job import Job, render
+from pcsg.render.options import Options
 
 SMALL = Options(size=(90, 60), samples=16)
 GROUND = {"z": None, "material": None}
@@ -113,15 +115,11 @@ def test_a_furnace_of_sky_gives_the_albedo():
     white = {"zenith": (1.0,) * 3, "horizon": (1.0,) * 3}
     scene.settings["material"] = [
         {
+            **{key: k.default for key, k in SETTINGS["material"].keys.items()},
             "name": "matt",
             "color": (0.5,) * 3,
             "roughness": 1.0,
-            "metallic": 0.0,
             "specular": 0.0,
-            "translucency": 0.0,
-            "emission": (0.0,) * 3,
-            "texture": None,
-            "bump": 0.0,
         }
     ]
     job = Job(

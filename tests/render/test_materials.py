@@ -1,91 +1,44 @@
 import numpy as np
 import pytest
+from PIL import Image as Pillow
 from spheres import Spheres
 
 from pcsg.graph.settings import SETTINGS
-from pcsg.render.materials import Materials, Surface
-from pcsg.render.sampler import Sampler, cosine_hemisphere
+from pcsg.render.materials import Materials
 from pcsg.render.textures import KINDS, Textures
 
 MATERIAL = {key: k.default for key, k in SETTINGS["material"].keys.items()}
 TEXTURE = {key: k.default for key, k in SETTINGS["texture"].keys.items()}
 
 
-def surface(n, *, roughness=0.5, metallic=0.0, specular=0.5, translucency=0.0, color=1.0, tilt=0.0):
-    up = np.tile([0.0, 0.0, 1.0], (n, 1))
-    viewer = np.tile([np.sin(tilt), 0.0, np.cos(tilt)], (n, 1))
-    full = np.ones(n)
-    return Surface(
-        np.zeros((n, 3)),
-        up,
-        up,
-        viewer,
-        np.full((n, 3), color),
-        np.zeros((n, 3)),
-        roughness * full,
-        metallic * full,
-        specular * full,
-        translucency * full,
-    )
-
-
-@pytest.mark.parametrize("metallic", [0.0, 1.0])
-@pytest.mark.parametrize("roughness", [0.3, 0.6, 1.0])
-@pytest.mark.parametrize("tilt", [0.0, 0.8])
-def test_gloss_gives_no_more_than_it_gets(metallic, roughness, tilt):
-    n = 4096
-    zeros = np.zeros(n, dtype=np.int64)
-    pairs = Sampler((1, 1), n, 1).pairs(zeros, zeros, np.arange(n), 0)
-    s = surface(
-        n, roughness=roughness, metallic=metallic, color=0.0 if not metallic else 1.0, tilt=tilt
-    )
-    towards = cosine_hemisphere(pairs, s.normal)
-    # The density of the directions is cos / pi.
-    cos = np.maximum(towards[:, 2], 1e-6)
-    total = (s.reflect(towards)[:, 0] * np.pi / cos).mean()
-    assert 0 < total <= 1.02
-
-
-def test_a_matt_surface_is_lambert():
-    s = surface(1, specular=0.0, color=0.5)
-    np.testing.assert_allclose(s.reflect(np.array([[0.6, 0.0, 0.8]])), 0.5 * 0.8 / np.pi)
-
-
-def test_light_from_behind_needs_translucency():
-    behind = np.array([[0.0, 0.6, -0.8]])
-    assert (surface(1).reflect(behind) == 0).all()
-    leaf = surface(1, translucency=0.4, color=0.5)
-    np.testing.assert_allclose(leaf.reflect(behind), 0.4 * 0.5 * 0.8 / np.pi)
-
-
 def gather(scene, materials, textures=()):
     numbers = {t["name"]: k for k, t in enumerate(textures)}
-    table = Materials(materials, numbers, Textures.of(textures))
+    table = Materials(materials, numbers, Textures.of(textures), scene.sheets)
     directions = np.array([[0.0, 1.0, 0.0], [0.3, 1.0, 0.0], [5.0, 1.0, 0.0]])
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     origins = np.tile([0.0, -5.0, 1.0], (3, 1))
     hits = scene.intersect(origins, directions, 0.0, np.inf)
     at = np.flatnonzero(np.isfinite(hits.t))
-    return table.gather(hits, at, directions)
+    return table.gather(hits, at, directions[at], scene)
 
 
 def test_attributes_override_materials():
     red = {**MATERIAL, "color": (1.0, 0.0, 0.0), "roughness": 0.2}
     found = gather(Spheres(material=0, color=(-1.0,) * 3), [red])
-    np.testing.assert_allclose(found.color, [[1, 0, 0]] * len(found.color))
-    np.testing.assert_allclose(found.roughness, 0.2)
+    np.testing.assert_allclose(found.matter.color, [[1, 0, 0]] * len(found.matter.color))
+    np.testing.assert_allclose(found.matter.roughness, 0.2)
     found = gather(Spheres(material=0, color=(0.0, 1.0, 0.0)), [red])
-    np.testing.assert_allclose(found.color, [[0, 1, 0]] * len(found.color))
+    np.testing.assert_allclose(found.matter.color, [[0, 1, 0]] * len(found.matter.color))
     found = gather(Spheres(color=(-1.0,) * 3), [red])
-    np.testing.assert_allclose(found.color, 0.7)
+    np.testing.assert_allclose(found.matter.color, 0.7)
 
 
 def test_normals_face_the_viewer():
     found = gather(Spheres(centers=[(0, 0, 1)], radii=[20.0]), [])
-    assert (np.einsum("ij,ij->i", found.normal, found.viewer) > 0).all()
+    assert (np.einsum("ij,ij->i", found.matter.normal, found.matter.viewer) > 0).all()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [k for k in KINDS if k not in ("image", "normals")])
 def test_patterns_are_between_their_colours_and_vary(kind):
     textures = Textures.of([{**TEXTURE, "kind": kind, "scale": 0.7}])
     points = np.random.default_rng(5).uniform(-4, 4, (500, 3))
@@ -100,8 +53,71 @@ def test_bumps_bend_normals_but_not_the_geometry():
     bark = {**TEXTURE, "name": "bark", "kind": "bark"}
     rough = {**MATERIAL, "texture": "bark", "bump": 0.2}
     found = gather(Spheres(material=0), [rough], [bark])
-    assert (np.abs(found.normal - found.facing) > 1e-6).any()
-    np.testing.assert_allclose(np.linalg.norm(found.normal, axis=1), 1)
-    assert (np.einsum("ij,ij->i", found.normal, found.viewer) > 0).all()
+    assert (np.abs(found.matter.normal - found.matter.facing) > 1e-6).any()
+    np.testing.assert_allclose(np.linalg.norm(found.matter.normal, axis=1), 1)
+    assert (np.einsum("ij,ij->i", found.matter.normal, found.matter.viewer) > 0).all()
     flat = gather(Spheres(material=0), [{**rough, "bump": 0.0}], [bark])
-    assert (flat.normal == flat.facing).all()
+    assert (flat.matter.normal == flat.matter.facing).all()
+
+
+class Plane(Spheres):
+    """A plane z = 0 whose coordinates are half of x and a third of y."""
+
+    def intersect(self, origins, directions, t_min, t_max):
+        hits = super().intersect(origins, directions, t_min, t_max)
+        t = -origins[:, 2] / directions[:, 2]
+        position = origins + t[:, None] * directions
+        n = len(t)
+        return type(hits)(
+            t=t,
+            leaf=np.zeros(n, np.int64),
+            normal=np.tile([0.0, 0.0, 1.0], (n, 1)),
+            position=position,
+            uv=position[:, :2] / [2.0, 3.0],
+            label=hits.label,
+            color=np.full((n, 3), -1.0),
+            material=np.zeros(n, np.int64),
+            texture=np.full(n, -1),
+            texture_scale=np.ones(n),
+        )
+
+
+def plane(tmp_path, pixels, **material):
+    Pillow.fromarray(pixels).save(tmp_path / "p.png")
+    kind = material.pop("kind", "image")
+    texture = {**TEXTURE, "name": "t", "kind": kind, "file": str(tmp_path / "p.png")}
+    rows = [{**MATERIAL, "texture": "t", **material}]
+    scene = Plane()
+    table = Materials(rows, {"t": 0}, Textures.of([texture]), scene.sheets)
+    origins = np.array([[0.1, 0.2, 4.0], [0.9, 1.9, 4.0]])
+    directions = np.tile([0.0, 0.0, -1.0], (2, 1))
+    hits = scene.intersect(origins, directions, 0.0, np.inf)
+    return table.gather(hits, np.arange(2), directions, scene)
+
+
+def test_pictures_lie_on_surface_coordinates_upright(tmp_path):
+    pixels = np.zeros((2, 2, 3), np.uint8)
+    pixels[1, 0] = 255, 0, 0  # lower left: small u and v
+    pixels[0, 0] = 0, 255, 0  # upper left
+    found = plane(tmp_path, np.repeat(np.repeat(pixels, 50, axis=0), 50, axis=1))
+    np.testing.assert_allclose(found.matter.color, [[1, 0, 0], [0, 1, 0]], atol=1e-9)
+
+
+def test_the_relief_of_a_picture_tilts_normals_by_its_slope(tmp_path):
+    ramp = np.repeat(np.linspace(0, 255, 256).astype(np.uint8)[None], 256, axis=0)
+    pixels = np.repeat(ramp[..., None], 3, axis=2)
+    found = plane(tmp_path, pixels, bump=0.3)
+    # Higher along u: the normal leans back along x. Linear light of a ramp in sRGB.
+    normal = found.matter.normal
+    u, step = np.array([0.05, 0.45]), 1 / 256
+    decode = lambda v: ((v + 0.055) / 1.055) ** 2.4  # noqa: E731
+    slope = 0.3 * (decode(u + step) - decode(u - step)) / (2 * step) / 2
+    np.testing.assert_allclose(-normal[:, 0] / normal[:, 2], slope, rtol=0.05)
+    np.testing.assert_allclose(normal[:, 1], 0, atol=1e-3)
+
+
+def test_pictures_of_normals_say_them(tmp_path):
+    tilt = np.array([0.6, 0.0, 0.8])
+    pixels = np.tile(np.round((tilt + 1) / 2 * 255).astype(np.uint8), (8, 8, 1))
+    found = plane(tmp_path, pixels, kind="normals", bump=1.0)
+    np.testing.assert_allclose(found.matter.normal, [tilt, tilt], atol=0.01)

@@ -1,6 +1,7 @@
 import numpy as np
+import pytest
 
-from pcsg.render.view import KNEE, compress, decode_srgb, encode, encode_srgb
+from pcsg.render.view import CURVES, KNEE, View, compress, decode_srgb, encode_srgb
 
 
 def test_srgb_there_and_back():
@@ -25,5 +26,22 @@ def test_highlights_are_compressed_not_clipped():
     assert (shown[linear <= KNEE] == linear[linear <= KNEE]).all()
     slope = np.diff(shown) / np.diff(linear)
     assert np.abs(np.diff(slope)).max() < 0.05
-    assert encode(np.float32(-1.0)) == 0
-    assert encode(np.ones(3, np.float32)).dtype == np.float32
+    assert View().encode(np.float32(-1.0)) == 0
+    assert View().encode(np.ones(3, np.float32)).dtype == np.float32
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_curves_rise_from_black_and_stay_below_white(curve):
+    shown = View(curve).encode(np.linspace(0, 50, 5000))
+    assert shown[0] == 0
+    assert (np.diff(shown) >= 0).all()
+    assert 0.97 < shown[-1] <= 1
+    grey = View(curve).encode(0.18)
+    assert 0.4 < grey < 0.5
+
+
+def test_a_stop_is_twice_the_light():
+    linear = np.linspace(0, 2, 50)
+    np.testing.assert_allclose(
+        View("filmic", 1.0).encode(linear), View("filmic").encode(2 * linear)
+    )

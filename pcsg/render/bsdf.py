@@ -1,0 +1,429 @@
+"""How a surface scatters light: the principled model's formulas, one kernel for a batch.
+
+Three kinds of matter are mixed by `metallic` and `transmission`: metal, glass, and a coated matt
+surface which may let light through (`translucency`). All gloss is GGX with Smith's masking of both
+directions (Walter et al. 2007; Heitz 2014), drawn by visible normals (Dupuy and Benyoub 2023).
+Light that single scattering loses on rough metal comes back as in Kulla and Conty 2017, and what a
+coat does not reflect is left for the matt base, so that a white surface in white light is white.
+
+Directions are in the frame of the shading normal, +z, unit and away from the surface: v to the
+viewer, w to the light, h halfway.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from pcsg.jit import njit
+from pcsg.render.tracer import Bools, Floats
+from pcsg.vec import Vec3, dot, normalize
+
+MIN_ALPHA = 1e-4
+"""Least width of a gloss: a mirror, sharper than any picture shows."""
+
+
+class Matter(NamedTuple):
+    """What N surface points are made of.
+
+    Attributes
+    ----------
+    normal, facing, viewer
+        (N, 3) unit: shading normal and geometric normal, both towards the viewer; to the viewer.
+    color
+        (N, 3)
+    roughness, metallic, specular, transmission, translucency
+        (N,)
+    eta
+        (N,) index of refraction behind the surface, as the viewer sees it, over that before it.
+    sheet
+        (N,) whether the surface has no inside, so that light goes straight through.
+    leaving
+        (N,) whether the viewer looks at it from inside.
+    """
+
+    normal: Floats
+    facing: Floats
+    viewer: Floats
+    color: Floats
+    roughness: Floats
+    metallic: Floats
+    specular: Floats
+    transmission: Floats
+    translucency: Floats
+    eta: Floats
+    sheet: Bools
+    leaving: Bools
+
+
+class Albedo(NamedTuple):
+    """Reflected shares of GGX gloss, by roughness and the root of the cosine, both from 0 to 1.
+
+    With Schlick's Fresnel term the share is ``low * F0 + high * F90``; without, ``low + high``.
+
+    Attributes
+    ----------
+    low, high
+        (R, C)
+    mean_low, mean_high
+        (R,) averages over the cosine-weighted hemisphere.
+    """
+
+    low: Floats
+    high: Floats
+    mean_low: Floats
+    mean_high: Floats
+
+
+ROUGHNESSES, COSINES = 24, 24
+"""Rows and columns; columns go by the root of the cosine, since grazing gloss changes fast."""
+
+
+@cache
+def albedo_tables() -> Albedo:
+    """Return the reflected shares by integration over drawn normals."""
+    side = 24
+    u, turn = ((v.ravel() + 0.5) / side for v in np.mgrid[0:side, 0:side])
+    roughness = np.linspace(0.0, 1.0, ROUGHNESSES)
+    cosine = np.linspace(0.0, 1.0, COSINES) ** 2
+    alpha = np.maximum(roughness**2, MIN_ALPHA)[:, None, None]
+    vz = np.maximum(cosine, 1e-3)[None, :, None]
+    vx = np.sqrt(1.0 - vz * vz)
+    # Visible normals, as in `_visible_normal`.
+    length = np.hypot(alpha * vx, vz)
+    sx, sz = alpha * vx / length, vz / length
+    cz = (1.0 - u) * (1.0 + sz) - sz
+    radius = np.sqrt(np.maximum(1.0 - cz * cz, 0.0))
+    hx = alpha * (radius * np.cos(2 * np.pi * turn) + sx)
+    hy = alpha * radius * np.sin(2 * np.pi * turn)
+    hz = np.maximum(cz + sz, 1e-12)
+    scale = 1.0 / np.sqrt(hx * hx + hy * hy + hz * hz)
+    vh = np.clip((vx * hx + vz * hz) * scale, 0.0, 1.0)
+    lz = 2.0 * vh * hz * scale - vz
+    squared = alpha * alpha
+    to_viewer = vz * np.sqrt(squared + (1.0 - squared) * np.maximum(lz, 0.0) ** 2)
+    to_light = lz * np.sqrt(squared + (1.0 - squared) * vz * vz)
+    # G2 / G1 of a drawn normal.
+    masking = lz * (vz + np.sqrt(squared + (1.0 - squared) * vz * vz)) / (to_viewer + to_light)
+    masking = np.where(lz > 0, masking, 0.0)
+    edge = (1.0 - vh) ** 5
+    low = (masking * (1.0 - edge)).mean(axis=2)
+    high = (masking * edge).mean(axis=2)
+    # Averages of what stands between the columns, where `_share` draws straight lines.
+    fine = (np.arange(2048) + 0.5) / 2048
+    hats = np.stack([np.interp(fine, np.sqrt(cosine), hat) for hat in np.eye(COSINES)])
+    weight = hats @ (4.0 * fine**3) / len(fine)
+    return Albedo(low, high, low @ weight, high @ weight)
+
+
+@njit
+def _share(table: Floats, roughness: float, cosine: float) -> float:
+    """Return a table's value between its rows and columns."""
+    row = roughness * (table.shape[0] - 1)
+    column = math.sqrt(min(max(cosine, 0.0), 1.0)) * (table.shape[1] - 1)
+    i, j = min(int(row), table.shape[0] - 2), min(int(column), table.shape[1] - 2)
+    s, t = row - i, column - j
+    upper = (1 - t) * table[i, j] + t * table[i, j + 1]
+    lower = (1 - t) * table[i + 1, j] + t * table[i + 1, j + 1]
+    return float((1 - s) * upper + s * lower)
+
+
+@njit
+def _mean(table: Floats, roughness: float) -> float:
+    row = roughness * (len(table) - 1)
+    i = min(int(row), len(table) - 2)
+    return float(table[i] + (row - i) * (table[i + 1] - table[i]))
+
+
+@njit
+def _schlick(low: float, high: float, cosine: float) -> float:
+    """Return the mirrored share (Schlick 1994)."""
+    return low + (high - low) * (1.0 - min(max(cosine, 0.0), 1.0)) ** 5
+
+
+@njit
+def _fresnel(cosine: float, eta: float) -> float:
+    """Return the mirrored share of unpolarised light between dielectrics; 1 if all of it is."""
+    squared = 1.0 - (1.0 - cosine * cosine) / (eta * eta)
+    if squared <= 0.0:
+        return 1.0
+    beyond = math.sqrt(squared)
+    parallel = (eta * cosine - beyond) / (eta * cosine + beyond)
+    perpendicular = (cosine - eta * beyond) / (cosine + eta * beyond)
+    return 0.5 * (parallel * parallel + perpendicular * perpendicular)
+
+
+@njit
+def _ggx(nh: float, squared: float) -> float:
+    """Return the density of normals."""
+    slope = nh * nh * (squared - 1.0) + 1.0
+    return squared / (math.pi * slope * slope)
+
+
+@njit
+def _reach(cosine: float, squared: float) -> float:
+    """Return cosine times (1 + 2 Lambda), of Smith's masking."""
+    return math.sqrt(squared + (1.0 - squared) * cosine * cosine)
+
+
+@njit
+def _visible_normal(v: Vec3, alpha: float, u: float, turn: float) -> Vec3:
+    """Return a normal as seen from v: a point of a cap of the sphere (Dupuy and Benyoub 2023)."""
+    s = normalize(Vec3(alpha * v.x, alpha * v.y, v.z))
+    z = (1.0 - u) * (1.0 + s.z) - s.z
+    radius = math.sqrt(max(1.0 - z * z, 0.0))
+    x = radius * math.cos(2.0 * math.pi * turn) + s.x
+    y = radius * math.sin(2.0 * math.pi * turn) + s.y
+    return normalize(Vec3(alpha * x, alpha * y, max(z + s.z, 1e-12)))
+
+
+@njit
+def _refract(v: Vec3, h: Vec3, eta: float) -> Vec3:
+    """Return where a ray towards v comes from behind a facet, zero if from nowhere."""
+    c = dot(v, h)
+    squared = 1.0 - (1.0 - c * c) / (eta * eta)
+    if squared <= 0.0:
+        return Vec3(0.0, 0.0, 0.0)
+    k = c / eta - math.sqrt(squared)
+    return Vec3(k * h.x - v.x / eta, k * h.y - v.y / eta, k * h.z - v.z / eta)
+
+
+class _Mix(NamedTuple):
+    """One point's matter as numbers: weights of the kinds, and what the formulas need of them."""
+
+    red: float
+    green: float
+    blue: float
+    metal: float
+    coated: float
+    glass: float
+    roughness: float
+    alpha: float
+    base: float
+    edge: float
+    through: float
+    eta: float
+    thin: bool
+
+
+@njit
+def _mix_at(m: Matter, i: int) -> _Mix:
+    metal = m.metallic[i]
+    glass = (1.0 - metal) * m.transmission[i]
+    roughness = min(max(m.roughness[i], 0.0), 1.0)
+    return _Mix(
+        m.color[i, 0],
+        m.color[i, 1],
+        m.color[i, 2],
+        metal,
+        1.0 - metal - glass,
+        glass,
+        roughness,
+        max(roughness * roughness, MIN_ALPHA),
+        0.08 * m.specular[i],
+        1.0 if m.specular[i] > 0.0 else 0.0,
+        m.translucency[i],
+        m.eta[i],
+        m.sheet[i],
+    )
+
+
+@njit
+def _brightness(x: _Mix) -> float:
+    return (x.red + x.green + x.blue) / 3.0
+
+
+@njit
+def _coat(x: _Mix, a: Albedo, cosine: float) -> float:
+    """Return what a coat reflects."""
+    return x.base * _share(a.low, x.roughness, cosine) + x.edge * _share(
+        a.high, x.roughness, cosine
+    )
+
+
+@njit
+def _lobes(x: _Mix, a: Albedo, vz: float) -> tuple[float, float, float]:
+    """Return how likely a scattered ray is glossy, matt, or matt on the far side."""
+    low, high = _share(a.low, x.roughness, vz), _share(a.high, x.roughness, vz)
+    tone = _brightness(x)
+    base = x.coated * (1.0 - x.base * low - x.edge * high) * tone
+    gloss = x.metal * (tone * low + high) + x.coated * (x.base * low + x.edge * high) + x.glass
+    matt = base * (1.0 - x.through) + x.metal * (1.0 - low - high) * tone * tone
+    far = base * x.through
+    total = gloss + matt + far
+    if total <= 0.0:
+        return 0.0, 0.0, 0.0
+    return gloss / total, matt / total, far / total
+
+
+@njit
+def _split(x: _Mix, cosine: float) -> tuple[float, float]:
+    """Return how much light a facet mirrors and refracts, averaged over the colours."""
+    f = 0.0
+    if x.glass > 0.0:
+        f = _fresnel(cosine, x.eta)
+    mirrored = x.metal * _schlick(_brightness(x), 1.0, cosine)
+    mirrored += x.coated * _schlick(x.base, x.edge, cosine) + x.glass * f
+    return mirrored, x.glass * (1.0 - f)
+
+
+@njit
+def _lost(x: _Mix, a: Albedo, vz: float, lz: float) -> float:
+    """Return what scatters several times on rough metal (Kulla and Conty 2017)."""
+    mean = _mean(a.mean_low, x.roughness) + _mean(a.mean_high, x.roughness)
+    if x.metal <= 0.0 or mean >= 1.0:
+        return 0.0
+    from_viewer = 1.0 - _share(a.low, x.roughness, vz) - _share(a.high, x.roughness, vz)
+    from_light = 1.0 - _share(a.low, x.roughness, lz) - _share(a.high, x.roughness, lz)
+    return from_viewer * from_light / (math.pi * (1.0 - mean))
+
+
+@njit
+def _repeated(x: _Mix, a: Albedo, tone: float) -> float:
+    """Return how a metal colours light that it reflects several times."""
+    mean = _mean(a.mean_low, x.roughness) + _mean(a.mean_high, x.roughness)
+    fresnel = (20.0 * tone + 1.0) / 21.0
+    return fresnel * fresnel * mean / (1.0 - fresnel * (1.0 - mean))
+
+
+@njit
+def _evaluate(x: _Mix, a: Albedo, v: Vec3, w: Vec3) -> tuple[float, float, float, float]:
+    """Return the light towards v per irradiance from w, with cosine, and the density of w."""
+    gloss, matt, far = _lobes(x, a, v.z)
+    squared = x.alpha * x.alpha
+    cosine = abs(w.z)
+    red, green, blue, density = 0.0, 0.0, 0.0, 0.0
+    # The matt base below the coat, on either side.
+    passed = x.coated * cosine * (1.0 - _coat(x, a, v.z)) * (1.0 - _coat(x, a, cosine)) / math.pi
+    mean = 1.0 - x.base * _mean(a.mean_low, x.roughness) - x.edge * _mean(a.mean_high, x.roughness)
+    passed /= max(mean, 1e-9)
+    if w.z > 0.0:
+        passed *= 1.0 - x.through
+        lost = x.metal * cosine * _lost(x, a, v.z, cosine)
+        red = passed * x.red + lost * _repeated(x, a, x.red)
+        green = passed * x.green + lost * _repeated(x, a, x.green)
+        blue = passed * x.blue + lost * _repeated(x, a, x.blue)
+        density = matt * cosine / math.pi
+        # Facets that mirror.
+        h = normalize(Vec3(v.x + w.x, v.y + w.y, v.z + w.z))
+        vh = dot(v, h)
+        d = _ggx(h.z, squared)
+        toward = _reach(v.z, squared)
+        bright = d * 0.5 * w.z / (w.z * toward + v.z * _reach(w.z, squared))
+        shared = x.coated * _schlick(x.base, x.edge, vh)
+        if x.glass > 0.0:
+            shared += x.glass * _fresnel(vh, x.eta)
+        red += bright * (shared + x.metal * _schlick(x.red, 1.0, vh))
+        green += bright * (shared + x.metal * _schlick(x.green, 1.0, vh))
+        blue += bright * (shared + x.metal * _schlick(x.blue, 1.0, vh))
+        mirrored, refracted = _split(x, vh)
+        if mirrored > 0.0:
+            density += gloss * mirrored / (mirrored + refracted) * 0.5 * d / (v.z + toward)
+    else:
+        passed *= x.through
+        red, green, blue = passed * x.red, passed * x.green, passed * x.blue
+        density = far * cosine / math.pi
+        # Facets that refract. Two surfaces tint what goes through, so each takes the root.
+        if x.glass > 0.0:
+            if x.thin:
+                h = normalize(Vec3(v.x + w.x, v.y + w.y, v.z - w.z))
+            else:
+                h = normalize(Vec3(v.x + x.eta * w.x, v.y + x.eta * w.y, v.z + x.eta * w.z))
+                if h.z < 0.0:
+                    h = Vec3(-h.x, -h.y, -h.z)
+            vh, wh = dot(v, h), dot(w, h)
+            if vh > 0.0 and (x.thin or wh < 0.0):
+                mirrored, refracted = _split(x, vh)
+                d = _ggx(h.z, squared)
+                toward = _reach(v.z, squared)
+                spread = 0.25 / vh
+                narrowed = 1.0
+                if not x.thin:
+                    root = x.eta * wh + vh
+                    spread = x.eta * x.eta * abs(wh) / max(root * root, 1e-300)
+                    narrowed = 1.0 / (x.eta * x.eta)
+                # Masked by both sides: G2 / G1 = share; density of the facet: 2 vh d / (vz + ...).
+                both = v.z * _reach(cosine, squared) + cosine * toward
+                share = cosine * (v.z + toward) / both
+                facet = 2.0 * vh * d / (v.z + toward) * spread
+                bright = refracted * facet * share * narrowed
+                power = 1.0 if x.thin else 0.5
+                red += bright * x.red**power
+                green += bright * x.green**power
+                blue += bright * x.blue**power
+                density += gloss * refracted / (mirrored + refracted) * facet
+    return red, green, blue, density
+
+
+@njit
+def _draw(x: _Mix, a: Albedo, v: Vec3, u: float, turn: float, lobe: float, side: float) -> Vec3:
+    """Return a direction that light may come from; zero where none was found."""
+    gloss, matt, far = _lobes(x, a, v.z)
+    if lobe < gloss:
+        h = _visible_normal(v, x.alpha, u, turn)
+        vh = dot(v, h)
+        mirrored, refracted = _split(x, vh)
+        up = Vec3(2.0 * vh * h.x - v.x, 2.0 * vh * h.y - v.y, 2.0 * vh * h.z - v.z)
+        if side * (mirrored + refracted) < mirrored:
+            return up if up.z > 0.0 else Vec3(0.0, 0.0, 0.0)
+        down = Vec3(up.x, up.y, -up.z) if x.thin else _refract(v, h, x.eta)
+        return down if down.z < 0.0 else Vec3(0.0, 0.0, 0.0)
+    if matt + far <= 0.0:
+        return Vec3(0.0, 0.0, 0.0)
+    radius = math.sqrt(u)
+    z = math.sqrt(max(1.0 - u, 1e-18))
+    if lobe >= gloss + matt:
+        z = -z
+    return Vec3(radius * math.cos(2.0 * math.pi * turn), radius * math.sin(2.0 * math.pi * turn), z)
+
+
+@njit(entry=True)
+def scatter_batch(
+    matter: Matter,
+    albedo: Albedo,
+    draw: bool,
+    pairs: Floats,
+    choices: Floats,
+    towards: Floats,
+    light: Floats,
+    density: Floats,
+) -> None:
+    """Write what surfaces do with light from directions, and how likely each is to be drawn.
+
+    Parameters
+    ----------
+    draw
+        Whether to draw the directions first, by pairs and choices (N, 2).
+    towards
+        (N, 3) unit directions in world coordinates.
+    light
+        (N, 3) light to the viewer per irradiance on a surface that faces the direction; written.
+    density
+        (N,) per solid angle; 0 where nothing is scattered; written.
+    """
+    for i in range(len(density)):
+        n = Vec3(matter.normal[i, 0], matter.normal[i, 1], matter.normal[i, 2])
+        # The frame of Duff et al. 2017 has no singular direction.
+        sign = math.copysign(1.0, n.z)
+        p = -1.0 / (sign + n.z)
+        q = n.x * n.y * p
+        s = Vec3(1.0 + sign * n.x * n.x * p, sign * q, -sign * n.x)
+        t = Vec3(q, sign + n.y * n.y * p, -n.y)
+        world = Vec3(matter.viewer[i, 0], matter.viewer[i, 1], matter.viewer[i, 2])
+        v = Vec3(dot(world, s), dot(world, t), max(dot(world, n), 1e-6))
+        x = _mix_at(matter, i)
+        if draw:
+            w = _draw(x, albedo, v, pairs[i, 0], pairs[i, 1], choices[i, 0], choices[i, 1])
+            towards[i, 0] = w.x * s.x + w.y * t.x + w.z * n.x
+            towards[i, 1] = w.x * s.y + w.y * t.y + w.z * n.y
+            towards[i, 2] = w.x * s.z + w.y * t.z + w.z * n.z
+        d = Vec3(towards[i, 0], towards[i, 1], towards[i, 2])
+        w = Vec3(dot(d, s), dot(d, t), dot(d, n))
+        side = d.x * matter.facing[i, 0] + d.y * matter.facing[i, 1] + d.z * matter.facing[i, 2]
+        light[i, 0], light[i, 1], light[i, 2], density[i] = 0.0, 0.0, 0.0, 0.0
+        # Bumps must not let light through the geometry.
+        if side * w.z > 0.0:
+            light[i, 0], light[i, 1], light[i, 2], density[i] = _evaluate(x, albedo, v, w)

@@ -1,0 +1,127 @@
+"""How a picture is made: what can be asked for, and what is refused."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+
+from pcsg.errors import EnvironmentFault, UsageError
+from pcsg.render.film import BYTES_PER_PIXEL
+from pcsg.render.sampler import MAX_SAMPLES
+from pcsg.render.stage import Overrides
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a picture is made.
+
+    Attributes
+    ----------
+    size
+        Width and height in pixels.
+    samples
+        Largest number of samples per pixel.
+    seed
+        Of the sampling; any integer.
+    threads
+        How many; None for one per processor.
+    max_memory
+        Bytes that the picture may take; None for half of the machine's.
+    overrides
+        Values in place of the grammar's settings, by kind and key.
+    tile
+        (i, n): only part i of n, counted from 1, of the picture's rows. None for all of it.
+    detail
+        Pixels below which the scene is not looked into; 0 for all that there is.
+    """
+
+    size: tuple[int, int] = (800, 600)
+    samples: int = 16
+    seed: int = 1
+    threads: int | None = None
+    max_memory: int | None = None
+    overrides: Overrides = field(default_factory=dict)
+    tile: tuple[int, int] | None = None
+    detail: float = 0.5
+
+    def validate(self) -> None:
+        """Raise an error if no picture can be made of these options.
+
+        Raises
+        ------
+        UsageError
+            A number is out of range.
+        EnvironmentFault
+            The picture does not fit into memory.
+        """
+        width, height = self.size
+        if width < 1 or height < 1:
+            raise UsageError(f"the size must be at least 1x1, not {width}x{height}")
+        if not 1 <= self.samples <= MAX_SAMPLES:
+            raise UsageError(f"samples must lie between 1 and {MAX_SAMPLES}, not {self.samples}")
+        if self.threads is not None and self.threads < 1:
+            raise UsageError(f"threads must be at least 1, not {self.threads}")
+        if not 0.0 <= self.detail <= 1000.0:
+            raise UsageError(f"detail must lie between 0 and 1000 pixels, not {self.detail:g}")
+        if self.tile is not None:
+            part, parts = self.tile
+            if not 1 <= part <= parts <= height:
+                raise UsageError(
+                    f"a tile is i/n with i from 1 to n and n at most {height}, the rows of the"
+                    f" picture, not {part}/{parts}"
+                )
+        first, last = self.film_rows
+        needed = width * (last - first) * BYTES_PER_PIXEL
+        limit = half_of_memory() if self.max_memory is None else self.max_memory
+        if needed > limit:
+            raise EnvironmentFault(
+                f"a picture of {width}x{height} pixels needs {_bytes(needed)} of memory, but only"
+                f" {_bytes(limit)} are allowed; a smaller --size or a larger --max-memory helps"
+            )
+        if max(self.size) > 1 << 20:
+            raise UsageError(f"the size must be at most {1 << 20} pixels a side")
+
+    @property
+    def rows(self) -> tuple[int, int]:
+        """First row, and the one after the last, of what is asked for."""
+        part, parts = self.tile or (1, 1)
+        height = self.size[1]
+        return height * (part - 1) // parts, height * part // parts
+
+    @property
+    def film_rows(self) -> tuple[int, int]:
+        """The same with the rows beside it, on which it depends whether its pixels are finished."""
+        first, last = self.rows
+        beside = len(self.levels) + 2
+        return max(first - beside, 0), min(last + beside, self.size[1])
+
+    @property
+    def levels(self) -> list[int]:
+        """Numbers of samples that the passes bring pixels to."""
+        levels = [1]
+        while levels[-1] < self.samples:
+            levels.append(min(4 * levels[-1], self.samples))
+        return levels
+
+
+def half_of_memory() -> int:
+    """Return half of the machine's memory in bytes; 2 GB where it does not tell."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
+    except (AttributeError, ValueError, OSError):
+        return 2 << 30
+
+
+def _bytes(n: float) -> str:
+    for unit in ("bytes", "KB", "MB", "GB", "TB"):
+        if n < 1000:
+            return f"{n:.3g} {unit}"
+        n /= 1000
+    return f"{n:.3g} PB"
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

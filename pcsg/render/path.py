@@ -1,0 +1,283 @@
+"""Light followed over surfaces: path tracing, and the direct light and mirrors of ray tracing.
+
+At every surface lights are asked for by shadow rays, and found by rays that scatter; the two are
+weighted by the power heuristic (Veach and Guibas 1995), so that neither small lights nor sharp
+gloss are noisy. Long paths end by Russian roulette, which leaves the mean as it is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pcsg.render.integrators import Light, Purpose, Samples, find_blocked, find_exits, hazed, leave
+from pcsg.render.materials import Scattered, Surface
+from pcsg.render.sampler import Sampler
+from pcsg.render.stage import Stage
+from pcsg.render.tracer import Bools, Floats, Ints, merge_hits
+from pcsg.trace.hits import Hits
+
+ROULETTE = 3
+"""Surfaces after which paths end by chance."""
+
+MATT = 1.0
+"""Density of a scattered direction, per steradian, below which what it meets is not a mirror
+image: in mode direct a ray ends there, in mode path gloss is blurred from there on."""
+
+MANY = 6
+"""Most lights that are all asked at the first surface."""
+
+BLUR = 0.35
+"""Least roughness of gloss seen by way of matt surfaces. Light that a mirror or a lens gathers on
+them is blurred by it, instead of appearing as single white points."""
+
+
+class _Paths(NamedTuple):
+    """Paths on their way.
+
+    Attributes
+    ----------
+    row
+        (N,) of the camera ray that a path belongs to.
+    origins, directions
+        (N, 3) of its last piece.
+    share
+        (N, 3) of the light along it that reaches the camera.
+    density
+        (N,) with which its direction was drawn.
+    chances
+        (L, N) with which each light was asked where it comes from.
+    blurred
+        (N,) whether it met a matt surface.
+    inside
+        (N,) whether its last piece begins inside of a solid.
+    scale
+        (N,) greatest coordinate or distance, to which errors are relative.
+    """
+
+    row: Ints
+    origins: Floats
+    directions: Floats
+    share: Floats
+    density: Floats
+    chances: Floats
+    blurred: Bools
+    inside: Bools
+    scale: Floats
+
+    def take(self, rows: Ints) -> _Paths:
+        """Return some of the paths."""
+        return _Paths(
+            self.row[rows],
+            self.origins[rows],
+            self.directions[rows],
+            self.share[rows],
+            self.density[rows],
+            self.chances[:, rows],
+            self.blurred[rows],
+            self.inside[rows],
+            self.scale[rows],
+        )
+
+
+class Path:
+    """Path tracing.
+
+    Parameters
+    ----------
+    stage
+        The scene with camera and light.
+    sampler
+        Where the random numbers come from.
+    """
+
+    follows_matt = True
+
+    def __init__(self, stage: Stage, sampler: Sampler) -> None:
+        self.stage = stage
+        self.sampler = sampler
+
+    def radiance(self, origins: Floats, directions: Floats, samples: Samples) -> Light:
+        """See `Integrator`."""
+        stage = self.stage
+        n, lights = len(origins), len(stage.sources)
+        first = stage.tracer.intersect(origins, directions, 0.0, np.inf)
+        backdrop = stage.sky.backdrop(directions)
+        if stage.sun_is_seen and stage.lights:
+            backdrop = backdrop + stage.lights[0].seen(origins, directions).radiance
+        seen = np.flatnonzero(np.isfinite(first.t))
+        rgb = np.zeros((n, 3))
+        albedo = np.zeros((n, 3))
+        rays = n
+        paths = _Paths(
+            np.arange(n),
+            origins,
+            directions,
+            np.ones((n, 3)),
+            np.full(n, np.inf),
+            np.ones((lights, n)),
+            np.zeros(n, dtype=bool),
+            np.zeros(n, dtype=bool),
+            np.ones(n),
+        ).take(seen)
+        hits, at = first, seen
+        for depth in range(stage.bounces):
+            if len(at) == 0:
+                break
+            surface = stage.materials.gather(hits, at, paths.directions, stage.tracer)
+            if depth == 0:
+                albedo[seen] = surface.matter.color
+            rgb[paths.row] += paths.share * surface.emission
+            going = np.arange(len(at))
+            if not self.follows_matt:
+                going = np.flatnonzero(~paths.blurred)
+            paths, surface = paths.take(going), surface.take(going)
+            surface = surface.roughened(np.where(paths.blurred, BLUR, 0.0))
+            scale = np.maximum(np.abs(surface.position).max(axis=1), hits.t[at[going]])
+            here = samples.take(paths.row)
+            chances = self._chances(surface.position, depth)
+            light, more = self._ask_lights(surface, scale, here, chances, depth)
+            rgb[paths.row] += paths.share * light
+            paths, more_rays = self._scatter(paths, surface, scale, here, chances, depth)
+            rays += more + more_rays + len(paths.row)
+            if len(paths.row) == 0:
+                break
+            hits = self._intersect(paths)
+            rgb[paths.row] += paths.share * self._met_lights(paths, hits.t)
+            at = np.flatnonzero(np.isfinite(hits.t))
+            paths = paths.take(at)
+        missed = ~np.isfinite(first.t)
+        rgb[missed] = backdrop[missed]
+        rgb[seen] = hazed(stage, rgb[seen], first, seen, backdrop[seen])
+        return Light(rgb, albedo, first, rays)
+
+    def _intersect(self, paths: _Paths) -> Hits:
+        tracer = self.stage.tracer
+        inside = np.flatnonzero(paths.inside)
+        if len(inside) == 0:
+            return tracer.intersect(paths.origins, paths.directions, 0.0, np.inf)
+        some = paths.take(inside)
+        found = find_exits(tracer, some.origins, some.directions, some.scale)
+        outside = np.flatnonzero(~paths.inside)
+        some = paths.take(outside)
+        other = tracer.intersect(some.origins, some.directions, 0.0, np.inf)
+        return merge_hits(len(paths.row), ((inside, found), (outside, other)))
+
+    def _chances(self, position: Floats, depth: int) -> Floats:
+        """Return (L, N) chances that each light is asked: all of them first, then one."""
+        sources = self.stage.sources
+        n = len(position)
+        if self._asks_all(depth):
+            return np.ones((len(sources), n))
+        bright = np.stack([source.estimate(position) for source in sources]) + 1e-300
+        # Where most light seems to come from may lie in shadow: no light is neglected.
+        even = 0.15 / len(sources)
+        return np.asarray(even + 0.85 * bright / bright.sum(axis=0))
+
+    def _asks_all(self, depth: int) -> bool:
+        """Return whether every light is asked, or one by chance."""
+        count = len(self.stage.sources)
+        return count < 2 or (depth == 0 and count <= MANY)
+
+    def _ask_lights(
+        self, surface: Surface, scale: Floats, samples: Samples, chances: Floats, depth: int
+    ) -> tuple[Floats, int]:
+        """Return (N, 3) light that comes directly from lights, and how many rays it took."""
+        n, stage = len(scale), self.stage
+        total, rays = np.zeros((n, 3)), 0
+        every = self._asks_all(depth)
+        purpose = Purpose.BOUNCE + Purpose.STRIDE * depth
+        if not every:
+            pick = self.sampler.pairs(*samples, purpose + Purpose.CHOICE)[:, 0]
+            chosen = (pick >= np.cumsum(chances, axis=0)).sum(axis=0)
+            shine = self.sampler.pairs(*samples, purpose + Purpose.SHINE)
+        for number, source in enumerate(stage.sources):
+            rows = np.arange(n) if every else np.flatnonzero(chosen == number)
+            if len(rows) == 0:
+                continue
+            if every:
+                pairs = self.sampler.pairs(*samples, Purpose.LIGHT + number)
+            else:
+                pairs = shine[rows]
+            some = surface if every else surface.take(rows)
+            chance = chances[number, rows]
+            sample = source.sample(some.position, pairs)
+            reflected = some.reflect(sample.direction)
+            asked = chance * sample.density
+            with np.errstate(invalid="ignore"):
+                found = np.where(np.isinf(asked), 0.0, reflected.density / asked)
+            weight = 1.0 / (1.0 + found * found)
+            light = reflected.light * sample.irradiance * (weight / chance)[:, None]
+            useful = np.flatnonzero(light.max(axis=1) > 0)
+            blocked, more = find_blocked(
+                stage.tracer,
+                some.take(useful),
+                scale[rows[useful]],
+                sample.direction[useful],
+                sample.distance[useful],
+            )
+            lit = useful[~blocked]
+            total[rows[lit]] += light[lit]
+            rays += more
+        return total, rays
+
+    def _scatter(
+        self,
+        paths: _Paths,
+        surface: Surface,
+        scale: Floats,
+        samples: Samples,
+        chances: Floats,
+        depth: int,
+    ) -> tuple[_Paths, int]:
+        """Return the paths that go on, and how many rays it took to find where they begin."""
+        purpose = Purpose.BOUNCE + Purpose.STRIDE * depth
+        found: Scattered = surface.scatter(
+            self.sampler.pairs(*samples, purpose + Purpose.DIRECTION),
+            self.sampler.pairs(*samples, purpose + Purpose.LOBE),
+        )
+        on = np.flatnonzero(found.density > 0)
+        share = paths.share[on] * found.light[on] / found.density[on, None]
+        if depth >= ROULETTE:
+            luck = self.sampler.pairs(*samples.take(on), purpose + Purpose.CHOICE)[:, 1]
+            stay = np.clip(share.max(axis=1), 0.05, 0.95)
+            lucky = np.flatnonzero(luck < stay)
+            on, share = on[lucky], share[lucky] / stay[lucky, None]
+        bright = np.flatnonzero(share.max(axis=1) > 0)
+        on, share = on[bright], share[bright]
+        start = leave(self.stage.tracer, surface.take(on), scale[on], found.direction[on])
+        free = np.flatnonzero(~start.closed)
+        on = on[free]
+        matt = found.density[on] < MATT
+        onward = _Paths(
+            paths.row[on],
+            start.origins[free],
+            found.direction[on],
+            share[free],
+            found.density[on],
+            chances[:, on],
+            paths.blurred[on] | matt,
+            start.inside[free],
+            scale[on],
+        )
+        return onward, start.rays
+
+    def _met_lights(self, paths: _Paths, t: Floats) -> Floats:
+        """Return (N, 3) light of lights that scattered rays met."""
+        total = np.zeros((len(t), 3))
+        for number, source in enumerate(self.stage.sources):
+            seen = source.seen(paths.origins, paths.directions)
+            met = np.flatnonzero(~(t < seen.distance) & ~np.isnan(seen.distance) & (t >= 0))
+            if len(met) == 0:
+                continue
+            asked = paths.chances[number, met] * seen.density[met] / paths.density[met]
+            weight = 1.0 / (1.0 + asked * asked)
+            total[met] += weight[:, None] * seen.radiance[met]
+        return total
+
+
+class Direct(Path):
+    """The light of lights alone, with shadows, and what mirrors and glass show of it."""
+
+    follows_matt = False
