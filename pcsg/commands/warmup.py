@@ -16,6 +16,7 @@ def _kernels() -> Iterator[tuple[str, Callable[[], object]]]:
     import numpy as np
 
     import pcsg
+    from pcsg.render.textures import evaluate
 
     states = pcsg.loads(_GRAMMAR, engine="states", threads=1)
     walked = pcsg.loads(_GRAMMAR, engine="cyclic", threads=1)
@@ -23,6 +24,7 @@ def _kernels() -> Iterator[tuple[str, Callable[[], object]]]:
     yield "rays through states", lambda: states.intersect(*rays)
     yield "surface coordinates", lambda: states.intersect(*rays).uv
     yield "rays through the graph itself", lambda: walked.intersect(*rays)
+    yield "textures", lambda: evaluate(np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros(1))
 
 
 def run(as_json: bool) -> None:

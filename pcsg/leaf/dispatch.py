@@ -10,39 +10,23 @@ from pcsg.jit import build_ladder, njit
 from pcsg.leaf.registry import kernels
 
 
-def _cases(method: str) -> list[Callable[..., Any] | None]:
-    return [plain and njit(contract=True)(plain) for plain in kernels(method)]
+def _ladder(method: str, arguments: str, default: str) -> Callable[..., Any]:
+    cases = [plain and njit(contract=True)(plain) for plain in kernels(method)]
+    name = f"leaf_{method}"
+    return build_ladder(name, "kind", arguments.split(), cases, default, contract=True)
 
 
-def _ladder(
-    name: str,
-    arguments: str,
-    cases: list[Callable[..., Any] | None],
-    default: str,
-    inline: bool = False,
-) -> Callable[..., Any]:
-    split = arguments.split()
-    return build_ladder(name, "kind", split, cases, default, contract=True, inline=inline)
-
-
-_CROSSINGS = "ray want args at pool t n", _cases("crossings"), "n"
-
-leaf_crossings = _ladder("leaf_crossings", *_CROSSINGS)
+leaf_crossings = _ladder("crossings", "ray want args at pool t n", "n")
 """``(kind, ray, want, args, at, pool, t, n) -> n``"""
 
-leaf_crossings_inline = _ladder("leaf_crossings_inline", *_CROSSINGS, inline=True)
-"""The same within its caller, for inner loops."""
-
-leaf_normal = _ladder("leaf_normal", "p args at pool", _cases("normal"), "p")
+leaf_normal = _ladder("normal", "p args at pool", "p")
 """``(kind, p, args, at, pool) -> Vec3``: outward, of any length"""
 
-leaf_inside = _ladder("leaf_inside", "p args at pool", _cases("inside"), "False")
+leaf_inside = _ladder("inside", "p args at pool", "False")
 """``(kind, p, args, at, pool) -> bool``"""
 
-leaf_uv = _ladder("leaf_uv", "p args at pool", _cases("uv"), "(0.0, 0.0)")
+leaf_uv = _ladder("uv", "p args at pool", "(0.0, 0.0)")
 """``(kind, p, args, at, pool) -> (u, v)``"""
 
-leaf_attributes = _ladder(
-    "leaf_attributes", "p args at pool", _cases("attributes"), "(-1.0, -1.0, -1.0, -1.0)"
-)
+leaf_attributes = _ladder("attributes", "p args at pool", "(-1.0, -1.0, -1.0, -1.0)")
 """``(kind, p, args, at, pool) -> (red, green, blue, label)``: -1 where the leaf has none"""

@@ -1,7 +1,7 @@
 """Groups as small wide bounding volume hierarchies.
 
 Every group is opened: its largest instances are replaced by their references until there are
-about 64 (1,000 for the root), and a tree of blocks of eight boxes is built over those. Cyclic
+about 64 (1,000 for the root), and a tree of blocks of sixteen boxes is built over those. Cyclic
 interpretation, the graph of states and opened cuts are one design with one knob, and more than
 this no longer helps.
 """
@@ -128,7 +128,6 @@ class _Cut(NamedTuple):
 
     path: tuple[int, ...]
     reference: Reference
-    box: Bounds
 
 
 def build_blocks(graph: Graph, states: StateGraph, models: ModelPool | None = None) -> Blocks:
@@ -179,7 +178,7 @@ class _Builder:
         self.refs: list[list[int]] = []
         self.inverses: list[Affine] = []
         self.targets: list[int] = []
-        self.ref_boxes: dict[int, Bounds] = {}
+        self.ref_boxes: dict[int, NDArray[np.float64]] = {}
         self.pending: list[tuple[int, int]] = []  # reference, group: its first block comes later
         self.of_operations: list[int] = []
         self.first_block: dict[int, int] = {}
@@ -187,7 +186,6 @@ class _Builder:
         self.tables: list[int] = []
         self.sheets = self._sheets()
         self.small_at: dict[int, int | None] = {}
-        self.counts: dict[int, int] = {}
         self.wanted: list[int] = []  # groups that references lead to
         self.limit = min(OPEN_GROUP, OPEN_TOTAL // max(1, len(groups.groups)))
 
@@ -207,8 +205,10 @@ class _Builder:
 
     def _build_group(self, g: int) -> int:
         cuts = self._open(g)
-        numbers = [self._emit_reference(cut) for cut in cuts]
-        boxes = np.array([cut.box for cut in cuts])
+        boxes = np.array([self.hulls.box(cut.reference.hull) for cut in cuts])
+        numbers = [
+            self._emit_reference(cut.reference, box) for cut, box in zip(cuts, boxes, strict=True)
+        ]
         pad = 1e-9 * np.maximum(np.abs(np.where(np.isfinite(boxes), boxes, 0.0)).max(axis=1), 1e-3)
         boxes[:, :3] -= pad[:, None]
         boxes[:, 3:] += pad[:, None]
@@ -218,15 +218,17 @@ class _Builder:
         """Return the references of a group, its largest instances opened, in the text's order."""
         limit = self.limit
         if g == self.groups.root:
-            limit = max(OPEN_ROOT, self._count(g) if self._count(g) <= OPEN_WHOLE else 0)
+            whole = self._counts()[g]
+            limit = max(OPEN_ROOT, whole if whole <= OPEN_WHOLE else 0)
         cuts: dict[tuple[int, ...], _Cut] = {
-            (k,): _Cut((k,), r, self.hulls.box(r.hull)) for k, r in enumerate(self.groups.groups[g])
+            (k,): _Cut((k,), r) for k, r in enumerate(self.groups.groups[g])
         }
         heap: list[tuple[float, tuple[int, ...]]] = []
 
         def offer(cut: _Cut) -> None:
             if cut.reference.kind == INSTANCE:
-                heappush(heap, (-_area(cut.box), cut.path))
+                area = _area(self.hulls.loose_box(cut.reference.hull))
+                heappush(heap, (-area, cut.path))
 
         for cut in cuts.values():
             offer(cut)
@@ -245,25 +247,24 @@ class _Builder:
                     compose_affine(m, r.group_from_target),
                     Part(compose_affine(m, r.hull.outer_from_inner), r.hull.hull),
                 )
-                cut = _Cut((*path, k), moved, self.hulls.box(moved.hull))
+                cut = _Cut((*path, k), moved)
                 cuts[cut.path] = cut
                 offer(cut)
         return [cuts[path] for path in sorted(cuts)]
 
-    def _count(self, g: int) -> int:
-        """Return how many references a group has when no instance is left in it."""
-        if g not in self.counts:
-            # Groups refer to groups that were found before them.
-            self.counts[g] = sum(
-                self._count(r.target) if r.kind == INSTANCE else 1 for r in self.groups.groups[g]
-            )
-        return self.counts[g]
+    def _counts(self) -> list[int]:
+        """Return how many references every group has, up to a bound, when no instance is left."""
+        counts: list[int] = []
+        # The references of a group were found before it.
+        for refs in self.groups.groups:
+            parts = (counts[r.target] if r.kind == INSTANCE else 1 for r in refs)
+            counts.append(min(sum(parts), OPEN_WHOLE + 1))
+        return counts
 
-    def _emit_reference(self, cut: _Cut) -> int:
+    def _emit_reference(self, r: Reference, box: NDArray[np.float64]) -> int:
         """Append a reference and return its code."""
-        r = cut.reference
         n = len(self.targets)
-        self.ref_boxes[n] = cut.box
+        self.ref_boxes[n] = box
         self.inverses.append(invert_affine(r.group_from_target)[0])
         self.targets.append(r.target)
         if r.kind == INSTANCE:

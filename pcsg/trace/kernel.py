@@ -5,7 +5,7 @@ at its first block. Below unions only, t shrinks to the first crossing; an opera
 through by questions (`question`).
 
 What needs whole lists (rays that start on a surface, sheets under an operation) is left to the
-walker: `UNDECIDED`.
+walker: `UNDECIDED`. Rays that start in a solid are stepped out of it by questions.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pcsg.graph.code import compose_affine
 from pcsg.graph.operators import DIFFERENCE, UNION
 from pcsg.jit import njit
-from pcsg.leaf.dispatch import leaf_crossings_inline
+from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, Pool
 from pcsg.trace.groups import INSTANCE, LEAF, Groups
 from pcsg.trace.indices import place, wide
@@ -204,7 +204,7 @@ def small_crossings(
         local = transform_ray(load_affine(inverses, 12 * wide(smalls[entry])), ray)
         leaf = place(4 * wide(smalls[entry + _ONE]))
         solid, args_at = leaves[leaf], leaves[leaf + _ONE]
-        n = leaf_crossings_inline(solid, local, ALL, args, args_at, pool, ends, scratch)
+        n = leaf_crossings(solid, local, ALL, args, args_at, pool, ends, scratch)
         if (required >> j) & 1:
             # The result lies in all of these.
             if n == scratch:
