@@ -86,7 +86,8 @@ class MeshModel(Constant, Model):
     def digest(self) -> str:
         hashed = hashlib.sha256()
         mesh = self.polygons
-        for array in (mesh.vertices, mesh.corners, mesh.offsets, mesh.corner_uv):
+        said = (mesh.corner_uv, mesh.corner_normals, mesh.corner_colors)
+        for array in (mesh.vertices, mesh.corners, mesh.offsets, *said):
             hashed.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
         return hashed.hexdigest()
 
@@ -120,14 +121,15 @@ class MeshModel(Constant, Model):
         volume = np.einsum("ij,ij->", points[:, 0], np.cross(points[:, 1], points[:, 2]))
         head[ORIENTATION] = -1 if self.closed and volume < 0.0 else 1
         head[HAS_UV], head[HAS_NORMALS] = uv is not None, normals is not None
-        head[HAS_COLORS] = 0
+        colors = _of_corners(mesh.corner_colors, corners, np.full((1, 3, 3), -1.0))
+        head[HAS_COLORS] = colors is not None
         head[REFS] = len(hierarchy.boxes)
         numbers = [
             np.array([reach, *self.bounds.lower, *self.bounds.upper]),
             hierarchy.boxes,
             points[order].ravel(),
         ]
-        numbers += [a.ravel() for a in (uv, normals) if a is not None]
+        numbers += [a.ravel() for a in (uv, normals, colors) if a is not None]
         return Data(np.concatenate(numbers), integers=np.concatenate([head, hierarchy.refs]))
 
 
@@ -194,6 +196,7 @@ class Mesh(Solid):
 
     Surface coordinates: those of the file, or else the barycentric ones of the second and the
     third corner of each triangle. Normals are those of the faces, or the file's, if it has any.
+    Colours of vertices, where the file has them, come before those that the grammar sets.
     """
 
     constants = (LeafConstant("file", "the name of a mesh file in quotes"),)
@@ -259,6 +262,17 @@ class Mesh(Solid):
             return place.b, place.c
         u = interpolate(pool[0], mesh.uvs, 2, 0, place)
         return u, interpolate(pool[0], mesh.uvs, 2, 1, place)
+
+    @staticmethod
+    def attributes(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float, float, float]:
+        mesh = find_mesh(args, at, pool)
+        if pool[2][mesh.head + HAS_COLORS] == 0:
+            return -1.0, -1.0, -1.0, -1.0
+        place = locate(pool, mesh, p)
+        red = interpolate(pool[0], mesh.colors, 3, 0, place)
+        green = interpolate(pool[0], mesh.colors, 3, 1, place)
+        blue = interpolate(pool[0], mesh.colors, 3, 2, place)
+        return red, green, blue, -1.0
 
 
 def _model(constants: Sequence[Constant]) -> MeshModel:

@@ -294,6 +294,20 @@ def test_coordinates_and_normals_of_the_file(tmp_path: Path) -> None:
     assert np.allclose(uv, (0.125, 0.125))
 
 
+@pytest.mark.parametrize("engine", ["cyclic", "states"])
+def test_colors_of_the_file_come_before_those_of_the_grammar(engine: Any, tmp_path: Path) -> None:
+    path = tmp_path / "painted.obj"
+    path.write_text(
+        "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf 1 2 3\nf 4 5 6\n"
+    )
+    painted = pcsg.color(0.5, 0.25, 0.125) * pcsg.label(7) * pcsg.mesh(path)
+    scene = Scene(painted, engine=engine)
+    hits = scene.intersect([(0.25, 0.5, 3.0), (5.25, 0.5, 3.0)], [(0.0, 0.0, -1.0)] * 2)
+    # Of the second triangle the file says nothing.
+    assert np.allclose(hits.color, [(0.25, 0.25, 0.5), (0.5, 0.25, 0.125)])
+    assert hits.label.tolist() == [7, 7]
+
+
 def _kernel(scene: Scene) -> tuple[Any, int, Any]:
     models = ModelPool()
     (leaf,) = (n for n in scene.graph.nodes if isinstance(n, Leaf))

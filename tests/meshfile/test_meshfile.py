@@ -68,6 +68,20 @@ def test_obj_coordinates_and_normals(tmp_path: Path) -> None:
     assert np.isnan(mesh.corner_normals[3:]).all()
 
 
+def test_colors_of_vertices_become_linear(tmp_path: Path) -> None:
+    mesh = read("v 0 0 0 1 0.5 0\nv 1 0 0\nv 0 1 0 0 0 0.04\nf 1 2 3\n", "obj", tmp_path)
+    assert mesh.corner_colors is not None
+    assert np.allclose(mesh.corner_colors[0], [1.0, ((0.5 + 0.055) / 1.055) ** 2.4, 0.0])
+    assert np.isnan(mesh.corner_colors[1]).all()
+    assert np.allclose(mesh.corner_colors[2], [0.0, 0.0, 0.04 / 12.92])
+    text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    text += "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+    text += "element face 1\nproperty list uchar int vertex_index\nend_header\n"
+    mesh = read(text + "0 0 0 255 0 51\n1 0 0 0 0 0\n0 1 0 0 0 0\n3 0 1 2\n", "ply", tmp_path)
+    assert mesh.corner_colors is not None
+    assert np.allclose(mesh.corner_colors[0], [1.0, 0.0, ((0.2 + 0.055) / 1.055) ** 2.4])
+
+
 @pytest.mark.parametrize("text", [False, True])
 def test_stl_merges_vertices(text: bool, tmp_path: Path) -> None:
     corners = np.array([[CUBE[v] for v in (f[0], f[k], f[k + 1])] for f in FACES for k in (1, 2)])
