@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from writers import glb_bytes, obj_text, pack_glb, ply_bytes, stl_bytes
 
 from pcsg.meshfile import Mesh, MeshFileError, read_mesh
 from pcsg.meshfile.polygons import cut_ears
 from pcsg.meshfile.read import READERS
-from tests.meshfile.writers import glb_bytes, obj_text, pack_glb, ply_bytes, stl_bytes
 
 CUBE = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
 FACES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
