@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
@@ -75,7 +76,7 @@ class MeshModel(Constant, Model):
         used = polygons.vertices[np.unique(self.triangles)]
         if not len(used):
             raise UsageError("all polygons of the mesh are degenerate")
-        self._points = np.ascontiguousarray(used.T)
+        self._cells = _Cells(used)
         self.bounds = Box(tuple(used.min(axis=0).tolist()), tuple(used.max(axis=0).tolist()))
 
     @property
@@ -96,7 +97,7 @@ class MeshModel(Constant, Model):
         return None if self.name is None else f'"{self.name}"'
 
     def support(self, direction: Vec3) -> float:
-        return float((np.array(direction) @ self._points).max())
+        return self._cells.support(np.array(direction))
 
     @cached_property
     def data(self) -> Data:
@@ -131,6 +132,40 @@ class MeshModel(Constant, Model):
         ]
         numbers += [a.ravel() for a in (uv, normals, colors) if a is not None]
         return Data(np.concatenate(numbers), integers=np.concatenate([head, hierarchy.refs]))
+
+
+class _Cells:
+    """Points by the cells of a grid, so that the farthest one in a direction is found quickly.
+
+    Parameters
+    ----------
+    points : float64 (n, 3)
+    """
+
+    def __init__(self, points: Floats) -> None:
+        lower, upper = points.min(axis=0), points.max(axis=0)
+        size = np.where(upper > lower, upper - lower, 1.0)
+        # As many cells as would hold 64 points each, if these filled the box.
+        side = max(1, round((len(points) / 64.0) ** (1.0 / 3.0)))
+        cell = np.minimum((points - lower) / size * side, side - 1.0).astype(np.int64)
+        keys = (cell[:, 0] * side + cell[:, 1]) * side + cell[:, 2]
+        order = np.argsort(keys, kind="stable")
+        self.points = points[order]
+        begins = np.flatnonzero(np.diff(keys[order], prepend=-1))
+        self.begins = [*begins.tolist(), len(points)]
+        self.lower = np.minimum.reduceat(self.points, begins)
+        self.upper = np.maximum.reduceat(self.points, begins)
+
+    def support(self, direction: Floats) -> float:
+        """Return the largest ``p . direction``."""
+        most = np.where(direction > 0.0, self.upper, self.lower) @ direction
+        best = -math.inf
+        for k in np.argsort(-most, kind="stable"):
+            if most[k] <= best:
+                break
+            inside = self.points[self.begins[k] : self.begins[k + 1]]
+            best = max(best, float((inside @ direction).max()))
+        return best
 
 
 def _of_corners(values: Floats | None, corners: Integers, instead: ArrayLike) -> Floats | None:

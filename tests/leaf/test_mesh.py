@@ -79,6 +79,7 @@ class Probe:
 
 
 ROCKS = {f"rock-{n}-{seed}": Probe(rock(n, seed)) for n, seed in ((3, 0), (6, 1), (14, 2))}
+LARGE = {n: rock(n, n) for n in (2, 3, 14, 40)}
 OPEN = Probe(rock(6, 3, open_at=7))
 every_rock = pytest.mark.parametrize("probe", ROCKS.values(), ids=ROCKS)
 
@@ -213,6 +214,13 @@ def test_an_open_mesh_is_a_sheet(o: Any, target: Any) -> None:
     first = OPEN.cross(o, d, FIRST)
     assert np.allclose(first[::2], ahead[:1], rtol=1e-11, atol=1e-12)
     assert not leaf_inside(Mesh.kind, Vec3(*o), OPEN.args, 0, OPEN.pool)
+
+
+@given(direction=vectors, count=st.sampled_from([2, 3, 14, 40]))
+def test_the_support_is_that_of_the_farthest_vertex(direction: Any, count: int) -> None:
+    model = LARGE[count]
+    expected = float((model.polygons.vertices @ direction).max())
+    assert model.support(Vec3(*direction)) == pytest.approx(expected, rel=1e-14, abs=1e-14)
 
 
 def test_what_does_not_fit_is_said() -> None:

@@ -231,6 +231,9 @@ def test_missing_and_unknown_files(tmp_path: Path) -> None:
         read_mesh(tmp_path / "nothing.obj")
     with pytest.raises(MeshFileError, match=r"ends in one of \.obj, \.ply, \.stl, \.glb"):
         read_mesh(tmp_path / "picture.png")
+    for wrong in (tmp_path, tmp_path / "with\0nul"):
+        with pytest.raises(MeshFileError):
+            read_mesh(wrong.with_suffix(".obj"))
 
 
 @given(
