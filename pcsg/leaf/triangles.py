@@ -144,6 +144,12 @@ def _edge(px: float, py: float, qx: float, qy: float) -> float:
     return _edge_exactly(px, py, qx, qy)
 
 
+@njit(inline=True)
+def _weight(edge: float) -> float:
+    """Return an edge function without the sign that stands for infinitely little."""
+    return edge if abs(edge) > 5e-324 else 0.0
+
+
 @njit
 def _cross_triangle(numbers: NDArray[np.float64], at: int, shear: Shear) -> tuple[float, float]:
     """Return where a ray crosses a triangle, and 1 if inwards, -1 if outwards, 0 if it does not.
@@ -175,9 +181,10 @@ def _cross_triangle(numbers: NDArray[np.float64], at: int, shear: Shear) -> tupl
     w = _edge(cx, cy, ax, ay)
     if (u > 0.0) != (w > 0.0) or u == 0.0 or v == 0.0 or w == 0.0:
         return 0.0, 0.0
-    # Weights of a mean, so that t lies between those of the corners.
-    total = u + v + w
-    z = (u * cz + v * az + w * bz) / total if abs(total) > 1e-290 else az
+    # Weights of a mean, so that t lies between those of the corners. On an edge one is zero.
+    a, b, c = _weight(v), _weight(w), _weight(u)
+    total = a + b + c
+    z = (a * az + b * bz + c * cz) / total if total != 0.0 else az
     t = z * shear.sz
     return t, -math.copysign(1.0, u * shear.sz)
 

@@ -154,6 +154,12 @@ def test_rays_through_vertices_and_edges_enter_as_often_as_they_leave(probe: Pro
                 assert found[0] < 0.0 and found[1] == pytest.approx(1.0)
 
 
+def test_a_crossing_in_a_vertex_at_the_origin_is_zero_exactly() -> None:
+    corners = [(0, 0, 0), (1, 0, 1), (0, 1, 1), (-1, -1, 1)]
+    probe = Probe(mesh_of_arrays(corners, [(0, 1, 2), (0, 2, 3), (0, 3, 1), (3, 2, 1)]))
+    assert probe.cross((0.0, 0.0, 0.0), (0.0, 0.0, 4.0)).tolist() == [0.0, 0.25]
+
+
 def test_a_grid_of_rays_along_the_axes_of_a_cube_of_many_squares() -> None:
     """Integer coordinates, where everything coincides."""
     n = 4
