@@ -243,14 +243,14 @@ def find_first(
                 at_level = present
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
-            n = cross_reference(
-                trees, pool, scratch, kind, index, load_ray(rays, at_level), near, far
-            )
+            sheet = kind == LEAF and is_sheet(trees, index)
+            inner = load_ray(rays, at_level, world.tmin if sheet else near, far)
+            n = cross_reference(trees, pool, scratch, kind, index, inner, near, far, want)
             if n == OVERFLOW:
                 return UNDECIDED
             for k in range(ENDS, n, 2):
                 lo, hi = small[place(k)], small[place(k + 1)]
-                if kind == LEAF and is_sheet(trees, index):
+                if sheet:
                     if lo < world.tmin:
                         continue
                 elif hi < near or hi <= lo:

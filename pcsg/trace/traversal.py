@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
-from pcsg.leaf.registry import ALL, Pool
+from pcsg.leaf.registry import Pool
 from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import LEAF, SMALL
 from pcsg.trace.indices import place, wide
@@ -208,8 +208,8 @@ def store_ray(rays: NDArray[np.float64], level: int, ray: Ray, about: float) -> 
 
 
 @njit(inline=True)
-def load_ray(rays: NDArray[np.float64], level: int) -> Ray:
-    """Return the ray of a level."""
+def load_ray(rays: NDArray[np.float64], level: int, low: float = 0.0, high: float = 0.0) -> Ray:
+    """Return the ray of a level; where limits matter, with these."""
     a = place(8 * level)
     b = a + _THREE
     return Ray(
@@ -219,8 +219,8 @@ def load_ray(rays: NDArray[np.float64], level: int) -> Ray:
         rays[b],
         rays[b + _ONE],
         rays[b + _TWO],
-        0.0,
-        0.0,
+        low,
+        high,
     )
 
 
@@ -249,17 +249,19 @@ def cross_reference(
     ray: Ray,
     low: float,
     high: float,
+    want: int,
 ) -> int:
     """Write the crossings of a leaf or a small operation to `Scratch.small` from `ENDS` on.
 
-    A small operation leaves out what lies before `low` or beyond `high`, if it likes.
+    A small operation needs all of them, whatever is wanted, but leaves out what lies before `low`
+    or beyond `high`, if it likes.
     """
     inner = transform_ray(load_affine(trees.inverses, 12 * index), ray)
     target = wide(trees.targets[place(index)])
     if kind == LEAF:
         at = place(4 * target)
         solid, args_at = trees.leaves[at], trees.leaves[at + _ONE]
-        n: int = leaf_crossings(solid, inner, ALL, trees.args, args_at, pool, scratch.small, ENDS)
+        n: int = leaf_crossings(solid, inner, want, trees.args, args_at, pool, scratch.small, ENDS)
         return n
     return small_crossings(
         trees.smalls,
