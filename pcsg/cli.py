@@ -126,6 +126,9 @@ def render(
     block_memory: BlockMemory = None,
     engine: EngineName = "auto",
     json: Json = False,
+    profile: Annotated[
+        bool, typer.Option("--profile", help="Say what a ray visits on average.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say more.")] = False,
 ) -> None:
@@ -164,6 +167,7 @@ def render(
             detail=detail,
             engine=engine,
             json=json,
+            profile=profile,
             quiet=quiet,
             verbose=verbose,
         )

@@ -51,6 +51,7 @@ class RenderArguments:
     detail: float
     engine: str
     json: bool
+    profile: bool
     quiet: bool
     verbose: bool
 
@@ -104,6 +105,8 @@ def run(arguments: RenderArguments) -> None:
         raise
     files = _save(job, output, layers, arguments)
     kept.unlink(missing_ok=True)
+    if arguments.profile:
+        _tell_profile(scene)
     if arguments.json:
         typer.echo(json.dumps(_summary(job, files)))
     elif not arguments.quiet and files:
@@ -190,6 +193,16 @@ def _save_part(job: Job, output: Path, kept: Path) -> None:
     state = f"pass {passes.pass_number} of {passes.passes}"
     missing = "" if share == 1 else f", {100 * share:.0f}% of the pixels (the rest is transparent)"
     say(f"stopped in {state}{missing}; the partial picture is {output}, --resume finishes it")
+
+
+def _tell_profile(scene: Scene) -> None:
+    """Say what a ray has visited."""
+    profile = getattr(scene.tracer, "profile", None)
+    if profile is None:
+        say("the engine `cyclic` keeps no profile")
+        return
+    parts = [f"{value:.3g} {name}" for name, value in profile.items() if name != "rays"]
+    say(f"{profile['rays']:,.0f} rays; on average a ray visits {', '.join(parts)}")
 
 
 def _summary(job: Job, files: Sequence[Path]) -> dict[str, Any]:

@@ -107,14 +107,22 @@ class LazyTracer(StatesEngine):
     @property
     def counts(self) -> dict[str, int]:
         """Number of blocks, of states in the store, and of those that were made on demand."""
-        with self._lock:
-            made = sum(int(lazy.counts[1]) for lazy in self._made)
         slots = self.store.slots
         return {
             "blocks": self.blocks.n_blocks + len(slots.refs) // WIDTH,
             "stored_states": len(slots.heads) // HEAD - 1,
-            "expansions": made,
+            "expansions": self._expansions,
         }
+
+    @property
+    def _expansions(self) -> int:
+        with self._lock:
+            return sum(int(lazy.counts[1]) for lazy in self._made)
+
+    @property
+    def profile(self) -> dict[str, float]:
+        """As for `StatesEngine`, and how many states a ray has made on demand."""
+        return {**super().profile, "expansions": self._expansions / max(1, self._rays)}
 
     def _find_hits(self, rays: Rays, footprint: Footprint | None) -> Hits:
         surface = make_surface(len(rays.origins))
@@ -169,7 +177,9 @@ class LazyTracer(StatesEngine):
     def _own(self) -> tuple[Lazy, LazyScratch, Space]:
         if not hasattr(self._local, "own"):
             lazy = self.store.make_lazy()
-            self._local.own = lazy, make_lazy_scratch(), make_space()
+            scratch = make_lazy_scratch()
+            self._local.own = lazy, scratch, make_space()
+            self._remember(scratch.outer, scratch.inner)
             with self._lock:
                 self._made.append(lazy)
         own: tuple[Lazy, LazyScratch, Space] = self._local.own

@@ -17,7 +17,7 @@ from pcsg.trace.coverage import Footprint
 from pcsg.trace.hits import Hits, Spans
 from pcsg.trace.pool import ModelPool
 from pcsg.trace.rays import Rays, count_processors, shape_rays
-from pcsg.trace.traversal import HIT, UNDECIDED, Trees
+from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, Trees
 from pcsg.trace.walker import Walker
 
 
@@ -55,6 +55,8 @@ class StatesEngine:
         self._lock = threading.Lock()
         self._lock_of_ends = threading.Lock()
         self._local = threading.local()
+        self._scratches: list[Scratch] = []
+        self._rays = 0
 
     @property
     def nbytes(self) -> dict[str, int]:
@@ -65,6 +67,23 @@ class StatesEngine:
     def counts(self) -> dict[str, int]:
         """Number of blocks."""
         return {"blocks": self.blocks.n_blocks}
+
+    @property
+    def profile(self) -> dict[str, float]:
+        """Number of rays so far, and what one of them has visited on average.
+
+        States that are opened on the way are instances, wherever they are kept.
+        """
+        with self._lock:
+            visits = sum((s.visits for s in self._scratches), np.zeros(3))
+        names = ("blocks", "instances", "leaves")
+        per_ray = visits / max(1, self._rays)
+        return {"rays": self._rays, **dict(zip(names, map(float, per_ray), strict=True))}
+
+    def _remember(self, *scratches: Scratch) -> None:
+        """Keep the working space of a thread, for the profile."""
+        with self._lock:
+            self._scratches += scratches
 
     @cached_property
     def _lists(self) -> Walker:
@@ -93,6 +112,7 @@ class StatesEngine:
             Directions must be unit then.
         """
         rays = shape_rays(origins, directions, t_min, t_max)
+        self._rays += len(rays.origins)
         return self._find_hits(rays, footprint)
 
     def occluded(
@@ -105,6 +125,7 @@ class StatesEngine:
     ) -> NDArray[np.bool_]:
         """Find whether every ray crosses anything; arguments as for `intersect`."""
         rays = shape_rays(origins, directions, t_min, t_max)
+        self._rays += len(rays.origins)
         answers = self._find(rays, ANY, None, footprint)
         out: NDArray[np.bool_] = answers == HIT
         walked = np.flatnonzero(answers == UNDECIDED)

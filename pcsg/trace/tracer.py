@@ -136,6 +136,7 @@ class StatesTracer(StatesEngine):
     def _own(self) -> tuple[Scratch, Space]:
         if not hasattr(self._local, "own"):
             self._local.own = make_scratch(), make_space()
+            self._remember(self._local.own[0])
         own: tuple[Scratch, Space] = self._local.own
         return own
 
