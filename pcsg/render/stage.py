@@ -26,6 +26,9 @@ from pcsg.render.tracer import (
 )
 from pcsg.render.view import View
 
+SOFT = 0.02
+"""Width per distance of the rays that ask how much of the sky is open."""
+
 Overrides = Mapping[str, Mapping[str, Any]]
 """Values by kind of setting and key that replace the grammar's."""
 
@@ -39,7 +42,7 @@ class Stage:
     tracer
         The scene with its ground.
     things
-        The scene without its ground.
+        The scene without its ground, as light from all sides sees it: not in every detail.
     extent
         Greatest side of the bounds: what is far and near in this scene.
     lights
@@ -105,7 +108,9 @@ def build_stage(
     sun = make_sun(sun_values, dimmed)
     balls = make_balls(scene.setting_values("light"))
     film = _values(scene, "film", overrides)
-    things = tracer = _detailed(scene.tracer, camera, height, detail)
+    pixel = detail * 2.0 * math.tan(math.radians(camera.fov) / 2.0) / height
+    tracer = _detailed(scene.tracer, camera, pixel)
+    things = _detailed(scene.tracer, camera, pixel, max(pixel, SOFT))
     grounded = bool(scene.setting_values("ground")) or "ground" in overrides
     extent = float((box[1] - box[0]).max())
     if grounded:
@@ -131,12 +136,11 @@ def build_stage(
     )
 
 
-def _detailed(tracer: Tracer, camera: Camera, height: int, detail: float) -> Tracer:
-    """Return a tracer that does not look into what is smaller than some pixels."""
-    if detail == 0.0 or not isinstance(tracer, WideTracer):
+def _detailed(tracer: Tracer, camera: Camera, pixel: float, spread: float | None = None) -> Tracer:
+    """Return a tracer that does not look into what looks smaller."""
+    if pixel == 0.0 or not isinstance(tracer, WideTracer):
         return tracer
-    pixel = 2.0 * math.tan(math.radians(camera.fov) / 2.0) / height
-    return DetailedTracer(tracer, camera.eye, detail * pixel)
+    return DetailedTracer(tracer, camera.eye, pixel, spread)
 
 
 def _values(scene: RenderScene, kind: str, overrides: Overrides) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -101,16 +101,6 @@ class RenderScene(Protocol):
         ...
 
 
-def merge_hits(n: int, parts: Iterable[tuple[Ints, Hits]]) -> Hits:
-    """Return the hits of n rays from those of some of them each."""
-    columns: dict[str, Any] = {}
-    for rows, hits in parts:
-        for name, values in hits.columns().items():
-            column = columns.setdefault(name, np.empty((n, *values.shape[1:]), values.dtype))
-            column[rows] = values
-    return Hits(**columns)
-
-
 class DetailedTracer:
     """A tracer whose rays are as wide as a pixel looks at the place where they begin.
 
@@ -124,17 +114,26 @@ class DetailedTracer:
         Takes footprints.
     eye
         Where the camera is.
+    pixel
+        Width of a pixel per distance from the eye.
     spread
-        Width of a pixel per distance.
+        How much wider a ray gets per distance; by default a pixel's width.
     """
 
-    def __init__(self, inner: WideTracer, eye: tuple[float, float, float], spread: float) -> None:
+    def __init__(
+        self,
+        inner: WideTracer,
+        eye: tuple[float, float, float],
+        pixel: float,
+        spread: float | None = None,
+    ) -> None:
         self.inner = inner
         self.eye = np.array(eye)
-        self.spread = spread
+        self.pixel = pixel
+        self.spread = pixel if spread is None else spread
 
     def _footprint(self, origins: Floats) -> Footprint:
-        width = self.spread * np.linalg.norm(origins - self.eye, axis=1)
+        width = self.pixel * np.linalg.norm(origins - self.eye, axis=1)
         return Footprint(width, np.full(len(origins), self.spread))
 
     def intersect(
