@@ -22,6 +22,7 @@ Weights that let an infinitely long segment alone have the radius d: Zhu, Jin, Y
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from pcsg.jit import njit
 
@@ -150,11 +151,11 @@ def quartic_segment(
     )
 
 
-def cauchy_weight(d: float, s: float, T: float = 1.0) -> float:
-    """Return the weight that gives an infinite segment F = T at distance d (equation 3)."""
-    return 2.0 * s * T / math.pi * math.sqrt(1.0 + s * s * d * d) ** 3
+def cauchy_weight(d: Any, s: Any, T: float = 1.0) -> Any:
+    """Return the weight that gives a segment without ends F = T at distance d (equation 3)."""
+    return 2.0 * s * T / math.pi * (1.0 + s * s * d * d) ** 1.5
 
 
-def quartic_weight(d: float, R: float, T: float = 1.0) -> float:
+def quartic_weight(d: Any, R: Any, T: float = 1.0) -> Any:
     """Return the weight that gives an infinite segment F = T at distance d < R (equation 4)."""
-    return 15.0 * T * R**4 / (16.0 * math.sqrt(R * R - d * d) ** 5)
+    return 15.0 * T * R**4 / (16.0 * (R * R - d * d) ** 2.5)

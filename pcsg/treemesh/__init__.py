@@ -1,0 +1,1 @@
+"""Quad meshes of trees from line skeletons with radii."""
