@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -87,7 +86,7 @@ class QuadMesh:
         Edges of the given skeleton that end inside a thicker limb.
     notes : tuple of str
         What a user should know.
-    times : mapping of str to float
+    times : mapping of str to float or None
         Seconds of every stage.
     """
 
@@ -106,7 +105,7 @@ class QuadMesh:
     field: SegmentField
     dropped: Ints
     notes: tuple[str, ...] = ()
-    times: Mapping[str, float] = MappingProxyType({})
+    times: Mapping[str, float] | None = None
 
     @cached_property
     def positions(self) -> Floats:
