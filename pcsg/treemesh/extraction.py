@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,7 +31,7 @@ class ExtractionOptions:
         Average radii over three neighbours along limbs.
     """
 
-    contraction: ContractionOptions = ContractionOptions()
+    contraction: ContractionOptions = field(default_factory=ContractionOptions)
     smooth: bool = True
 
 

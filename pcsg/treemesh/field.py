@@ -262,6 +262,44 @@ def field_at(
     return F, gx, gy, gz, nearest
 
 
+def nearest_rows(points: Floats, owner: Ints, field: SegmentField) -> Ints:
+    """Return the row of the segment that is nearest in radii to points, as owners see it."""
+    found = np.empty(len(points), dtype=np.int64)
+
+    def run(begin: int, end: int) -> None:
+        nearest_range(points, owner, field.ptr, field.rows, field.table, begin, end, found)
+
+    run_chunks(run, len(points))
+    return found
+
+
+@njit(entry=True)
+def nearest_range(
+    points: Floats,
+    owner: Ints,
+    ptr: Ints,
+    rows: Ints,
+    table: Floats,
+    begin: int,
+    end: int,
+    found: Ints,
+) -> None:
+    """Write the row of the nearest segment for points [begin, end)."""
+    for v in range(begin, end):
+        o = owner[v]
+        found[v] = field_at(
+            points[v, 0],
+            points[v, 1],
+            points[v, 2],
+            rows,
+            ptr[o],
+            ptr[o + 1],
+            table,
+            QUARTIC,
+            0.0,
+        )[4]
+
+
 @njit(entry=True)
 def evaluate_range(
     points: Floats,

@@ -51,9 +51,7 @@ def split_edge(skel: Skeleton, edge: int, part: float) -> tuple[Skeleton, int]:
         Where, from 0 to 1, both excluded; the radius is interpolated.
     """
     if not 0 <= edge < skel.n_edges:
-        raise UsageError(
-            f"there is no edge {edge}; edges are numbered from 0 to {skel.n_edges - 1}"
-        )
+        raise UsageError(f"there is no edge {edge}: the last is {skel.n_edges - 1}")
     if not 0.0 < part < 1.0:
         raise UsageError(f"an edge is split between 0 and 1, not at {part:g}")
     a, b = skel.edges[edge]
@@ -105,9 +103,7 @@ def merge(skel: Skeleton, other: Skeleton, node: int | None = None) -> Skeleton:
     """
     own = other.root if node is None else node
     if not 0 <= own < other.n_nodes:
-        raise UsageError(
-            f"there is no node {own}; nodes are numbered from 0 to {other.n_nodes - 1}"
-        )
+        raise UsageError(f"there is no node {own}: the last is {other.n_nodes - 1}")
     place = closest_place(skel, other.pos[own])
     base, at = node_at(skel, place)
     away = float(np.linalg.norm(base.pos[at] - other.pos[own]))

@@ -15,7 +15,7 @@ import numpy as np
 from pcsg.errors import UsageError
 from pcsg.treemesh.cage import Cage, build_cage, measure_joints
 from pcsg.treemesh.coordinates import cage_coordinates
-from pcsg.treemesh.field import Kernel, Locality, SegmentField, build_field
+from pcsg.treemesh.field import Kernel, Locality, SegmentField, build_field, nearest_rows
 from pcsg.treemesh.projection import OFF, FairZone, evolve, find_fair_zone
 from pcsg.treemesh.pruning import drop_hidden_twigs
 from pcsg.treemesh.quality import corner_folds
@@ -75,6 +75,8 @@ class QuadMesh:
         Outward, from the field.
     residual : float64 (v,)
         F/T, which is 1 on the surface.
+    nearest : int64 (v,)
+        The row in `field` of the segment that is nearest to every vertex, in radii.
     edge : int64 (f,)
         The edge of the skeleton that every quad belongs to.
     uv : float64 (f, 4, 2)
@@ -97,6 +99,7 @@ class QuadMesh:
     offsets: Floats | None
     normals: Floats
     residual: Floats
+    nearest: Ints
     edge: Ints
     uv: Floats
     skeleton: Skeleton
@@ -278,6 +281,7 @@ def build_on(
         offsets=None,
         normals=state[:, :3],
         residual=state[:, 3],
+        nearest=state[:, 4].astype(np.int64),
         edge=edge,
         uv=uv,
         skeleton=skel,
@@ -324,6 +328,8 @@ def _evolve(
     kept = ~dirty
     state[kept, :3] = previous.normals[source[kept]]
     state[kept, 3] = previous.residual[source[kept]]
+    # Rows are counted anew after an edit, so they are looked up again.
+    state[kept, 4] = nearest_rows(placed[kept], owner[kept], found)
     return placed, state
 
 

@@ -62,7 +62,8 @@ def _quadric_at(quadric: Floats, i: int, verts: Floats, j: int) -> float:
     q = quadric[i]
     inner = q[0] * x * x + q[4] * y * y + q[7] * z * z
     mixed = q[1] * x * y + q[2] * x * z + q[5] * y * z + q[3] * x + q[6] * y + q[8] * z
-    return max(0.0, inner + 2.0 * mixed + q[9])
+    value: float = inner + 2.0 * mixed + q[9]
+    return max(0.0, value)
 
 
 @njit
