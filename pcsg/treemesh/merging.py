@@ -157,88 +157,121 @@ def merge_all(parts: Sequence[Skeleton], reach: float) -> tuple[Skeleton, int]:
     UsageError
         A part lies farther away.
     """
-    size = [float((p.radius[p.edges].mean(axis=1) ** 2 * p.lengths).sum()) for p in parts]
-    first = int(np.argmax(size))
+    first = max(range(len(parts)), key=lambda k: (_bulk(parts[k]), -k))
     whole = parts[first]
-    waiting = [k for k in range(len(parts)) if k != first]
-    probes = {k: _Probe(parts[k]) for k in waiting}
-    thick = {k: float(parts[k].radius.max()) for k in waiting}
+    probes = _Probes(parts)
+    probes.join(first)
     bridged = 0
-    for k in waiting:
-        probes[k].look_at(parts[first])
-    while waiting:
-        inside = [k for k in waiting if probes[k].end_gap <= 0.0]
-        if inside:
-            chosen = max(inside, key=lambda k: (thick[k], -k))
-        else:
-            chosen = min(waiting, key=lambda k: (probes[k].least_gap, k))
-            gap = probes[chosen].least_gap
+    while probes.waiting.any():
+        chosen = probes.next_inside()
+        if chosen < 0:
+            chosen, gap = probes.next_near()
             if gap > reach:
                 raise UsageError(
-                    f"{len(waiting)} of {len(parts)} parts float free: the nearest lies {gap:.3g} "
-                    f"from the rest, more than {reach:.3g}; allow wider gaps with --reach, or take "
-                    "the largest part with --largest-only"
+                    f"{int(probes.waiting.sum())} of {len(parts)} parts float free: the nearest "
+                    f"lies {gap:.3g} from the rest, more than {reach:.3g}; allow wider gaps with "
+                    "--reach, or take the largest part with --largest-only"
                 )
             bridged += gap > 0.0
-        waiting.remove(chosen)
-        part, node = probes[chosen].attachment()
+        part, node = probes.attachment(chosen)
         whole = merge(whole, part, node)
-        for k in waiting:
-            probes[k].look_at(parts[chosen])
+        probes.join(chosen)
     whole.check()
     return whole, bridged
 
 
-class _Probe:
-    """How a waiting part lies to what is joined already."""
+def _bulk(skel: Skeleton) -> float:
+    """Return the volume of a skeleton's segments, without pi."""
+    return float((skel.radius[skel.edges].mean(axis=1) ** 2 * skel.lengths).sum())
 
-    def __init__(self, part: Skeleton) -> None:
-        self.part = part
-        ends = part.tips if len(part.tips) else np.array([part.root])
-        places = [np.zeros(len(ends))]
-        edges = [np.full(len(ends), -1)]
-        points = [part.pos[ends]]
-        a, b = part.edges.T
-        for e, n in enumerate(np.ceil(part.lengths / part.radius[part.edges].mean(axis=1))):
-            t = (np.arange(min(n, 64.0)) + 0.5) / min(n, 64.0)
-            places.append(t)
-            edges.append(np.full(len(t), e))
-            points.append(part.pos[a[e]] + t[:, None] * (part.pos[b[e]] - part.pos[a[e]]))
-        self.ends = ends
-        self.part_of, self.edge = np.concatenate(places), np.concatenate(edges)
-        self.points = np.concatenate(points)
+
+class _Probes:
+    """How parts that wait lie to what is joined already: points of them, and their gaps.
+
+    The points of a part are its ends, then samples of its segments, about a radius apart.
+    """
+
+    def __init__(self, parts: Sequence[Skeleton]) -> None:
+        self.parts = parts
+        self.waiting = np.ones(len(parts), dtype=bool)
+        self.thick = np.array([float(p.radius.max()) for p in parts])
+        found = [_sample(p) for p in parts]
+        counts = [len(f.points) for f in found]
+        self.ptr = np.concatenate([[0], np.cumsum(counts)])
+        self.n_ends = np.array([len(f.ends) for f in found])
+        self.ends = [f.ends for f in found]
+        self.edge = np.concatenate([f.edge for f in found])
+        self.part = np.concatenate([f.part for f in found])
+        self.points = np.concatenate([f.points for f in found])
+        self.radius = np.concatenate([f.radius for f in found])
         self.gap = np.full(len(self.points), np.inf)
+        rank = np.arange(len(self.points)) - np.repeat(self.ptr[:-1], counts)
+        self.is_end = rank < np.repeat(self.n_ends, counts)
 
-    def look_at(self, other: Skeleton) -> None:
-        """Take a part into account that has just been joined."""
-        self.gap = np.minimum(self.gap, _closest(other, self.points)[3])
+    def join(self, k: int) -> None:
+        """Take part k into account, which has just been joined."""
+        self.waiting[k] = False
+        alive = np.flatnonzero(np.repeat(self.waiting, np.diff(self.ptr)))
+        for at in np.array_split(alive, 1 + len(alive) * self.parts[k].n_edges // 1_000_000):
+            gap = _closest(self.parts[k], self.points[at])[3]
+            self.gap[at] = np.minimum(self.gap[at], gap)
 
-    @property
-    def end_gap(self) -> float:
-        """Distance of the nearest end from the surface, negative inside."""
-        return float(self.gap[: len(self.ends)].min())
+    def next_inside(self) -> int:
+        """Return the thickest part with an end in what is joined, -1 if there is none."""
+        end_gap = np.minimum.reduceat(np.where(self.is_end, self.gap, np.inf), self.ptr[:-1])
+        inside = self.waiting & (end_gap <= 0.0)
+        return int(np.argmax(np.where(inside, self.thick, -1.0))) if inside.any() else -1
 
-    @property
-    def least_gap(self) -> float:
-        """Distance of the nearest point of the part's surface."""
-        radius = self.part.radius
-        a, b = self.part.edges[self.edge].T
-        own = radius[a] + self.part_of * (radius[b] - radius[a])
-        own[: len(self.ends)] = radius[self.ends]
-        return float((self.gap - own).min())
+    def next_near(self) -> tuple[int, float]:
+        """Return the part whose surface is nearest, and the gap."""
+        gap = np.minimum.reduceat(self.gap - self.radius, self.ptr[:-1])
+        gap[~self.waiting] = np.inf
+        k = int(np.argmin(gap))
+        return k, float(gap[k])
 
-    def attachment(self) -> tuple[Skeleton, int]:
-        """Return the part and the node to join: an end, or a point where it runs through.
+    def attachment(self, k: int) -> tuple[Skeleton, int]:
+        """Return part k and the node to join: an end, or a point where it runs through.
 
         Of ends that lie inside, the thickest is taken.
         """
-        ends = self.gap[: len(self.ends)]
+        part, own = self.parts[k], self.gap[self.ptr[k] : self.ptr[k + 1]]
+        ends = own[: self.n_ends[k]]
         inside = np.flatnonzero(ends <= 0.0)
         if len(inside):
-            best = inside[np.argmax(self.part.radius[self.ends[inside]])]
-            return self.part, int(self.ends[best])
-        k = int(np.argmin(self.gap))
-        near_end = float(ends.min()) <= float(self.gap[k]) + float(self.part.radius.max())
-        if near_end or k < len(self.ends):
-            return self.part, int(self.ends[int(np.argmin(ends))])
-        return split_edge(self.part, int(self.edge[k]), float(self.part_of[k]))
+            best = inside[np.argmax(part.radius[self.ends[k][inside]])]
+            return part, int(self.ends[k][best])
+        i = int(np.argmin(own))
+        if i < len(ends) or float(ends.min()) <= float(own[i]) + self.thick[k]:
+            return part, int(self.ends[k][int(np.argmin(ends))])
+        at = self.ptr[k] + i
+        return split_edge(part, int(self.edge[at]), float(self.part[at]))
+
+
+class _Sample(NamedTuple):
+    """Ends of a part, and points of it with their edges, places along these and radii."""
+
+    ends: Ints
+    points: Floats
+    edge: Ints
+    part: Floats
+    radius: Floats
+
+
+def _sample(skel: Skeleton) -> _Sample:
+    ends = skel.tips if len(skel.tips) else np.array([skel.root])
+    a, b = skel.edges.T
+    n = np.clip(np.ceil(skel.lengths / skel.radius[skel.edges].mean(axis=1)), 1, 64)
+    counts = n.astype(np.int64)
+    edge = np.repeat(np.arange(skel.n_edges), counts)
+    rank = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+    part = (rank + 0.5) / counts[edge]
+    points = skel.pos[a[edge]] + part[:, None] * (skel.pos[b[edge]] - skel.pos[a[edge]])
+    radius = skel.radius[a[edge]] + part * (skel.radius[b[edge]] - skel.radius[a[edge]])
+    none = np.full(len(ends), -1)
+    return _Sample(
+        ends,
+        np.concatenate([skel.pos[ends], points]),
+        np.concatenate([none, edge]),
+        np.concatenate([np.zeros(len(ends)), part]),
+        np.concatenate([skel.radius[ends], radius]),
+    )
