@@ -63,7 +63,7 @@ def face_areas(verts: Floats, faces: Ints) -> Floats:
 def ring_areas(verts: Floats, faces: Ints) -> Floats:
     """Return the area of the faces about every vertex (v,)."""
     area = face_areas(verts, faces)
-    return np.bincount(faces.ravel(), np.repeat(area, 3), minlength=len(verts))
+    return np.bincount(faces.ravel(), np.repeat(area, 3), minlength=len(verts)).astype(np.float64)
 
 
 def cotangent_laplacian(verts: Floats, faces: Ints) -> Any:

@@ -68,7 +68,8 @@ def _box_distance(planes: Floats, at: int, px: float, py: float, pz: float) -> f
     dx = max(planes[at] - px, px - planes[at + 3 * WIDTH], 0.0)
     dy = max(planes[at + WIDTH] - py, py - planes[at + 4 * WIDTH], 0.0)
     dz = max(planes[at + 2 * WIDTH] - pz, pz - planes[at + 5 * WIDTH], 0.0)
-    return dx * dx + dy * dy + dz * dz
+    squared: float = dx * dx + dy * dy + dz * dz
+    return squared
 
 
 @njit(entry=True)

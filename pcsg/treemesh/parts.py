@@ -15,7 +15,7 @@ import numpy as np
 
 from pcsg.errors import UsageError
 from pcsg.treemesh.contraction import face_areas, signed_volume
-from pcsg.treemesh.skeleton import Floats, Ints
+from pcsg.treemesh.skeleton import Floats, Ints, connected_groups
 
 TOLERANCE = 1e-9
 """Vertices closer than this share of the box's diagonal are one."""
@@ -133,14 +133,6 @@ def _pair_edges(tri: Ints) -> _Pairs:
     return _Pairs(order[two], order[two + 1], int((counts > 2).sum()))
 
 
-def _components(n: int, i: Ints, j: Ints) -> Ints:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
-
-
 def _orient(tri: Ints, pairs: _Pairs) -> np.ndarray:
     """Return which faces have to be turned, so that neighbours turn the same way."""
     n = len(tri)
@@ -149,7 +141,7 @@ def _orient(tri: Ints, pairs: _Pairs) -> np.ndarray:
     # Every face has two copies, as it is and turned; neighbours that agree are linked.
     i = np.concatenate([f, f + n])
     j = np.concatenate([np.where(same_way, g + n, g), np.where(same_way, g, g + n)])
-    label = _components(2 * n, i, j)
+    label = connected_groups(2 * n, i, j)
     if (label[:n] == label[n:]).any():
         raise UsageError("a part of the mesh has one side only, as a Moebius strip, and no inside")
     # Of the two consistent choices the one that keeps more faces is taken.
@@ -165,8 +157,8 @@ def _split(tri: Ints, pairs: _Pairs) -> tuple[Ints, Ints]:
     p, q = pairs.first, pairs.second
     p_next, q_next = (3 * (c // 3) + following[c % 3] for c in (p, q))
     # Two faces run along their edge in opposite ways: the start of one is the end of the other.
-    label = _components(tri.size, np.concatenate([p, p_next]), np.concatenate([q_next, q]))
-    part = _components(len(tri), p // 3, q // 3)
+    label = connected_groups(tri.size, np.concatenate([p, p_next]), np.concatenate([q_next, q]))
+    part = connected_groups(len(tri), p // 3, q // 3)
     return label, part
 
 

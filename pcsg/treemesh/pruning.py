@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pcsg.errors import UsageError
 from pcsg.treemesh.skeleton import Floats, Ints, Skeleton
 
 
@@ -82,3 +83,85 @@ def distance_to_chain(places: Floats, radii: Floats, point: Floats) -> tuple[Flo
     t = np.clip(t, 0.0, 1.0)
     away = np.linalg.norm(point - a - t[:, None] * d, axis=1)
     return away, radii[:-1] + t * (radii[1:] - radii[:-1])
+
+
+def branch_orders(skel: Skeleton) -> Ints:
+    """Return the order of every edge: 0 for the trunk, one more for every side branch, (m,).
+
+    At a joint the axis goes on in the thickest child, of equal ones in the straightest.
+    """
+    parent, up, order = skel.parents
+    a, b = skel.edges.T
+    children: dict[int, list[int]] = {}
+    for node in order[1:].tolist():
+        children.setdefault(int(parent[node]), []).append(node)
+    found = np.zeros(skel.n_edges, dtype=np.int64)
+    level = np.zeros(skel.n_nodes, dtype=np.int64)
+    for node in order.tolist():
+        below = children.get(node, [])
+        if not below:
+            continue
+        came = skel.pos[node] - skel.pos[parent[node]] if parent[node] >= 0 else None
+
+        def rank(child: int, node: int = node, came: Floats | None = came) -> tuple[float, float]:
+            way = skel.pos[child] - skel.pos[node]
+            straight = 0.0
+            if came is not None:
+                straight = float(way @ came / np.linalg.norm(way) / np.linalg.norm(came))
+            return round(float(skel.radius[child]), 9), straight
+
+        best = max(below, key=rank)
+        for child in below:
+            level[child] = level[node] + (child != best)
+            found[up[child]] = level[child]
+    # Edges that close loops belong to the higher of their ends.
+    closing = np.setdiff1d(np.arange(skel.n_edges), up[up >= 0])
+    found[closing] = np.maximum(level[a[closing]], level[b[closing]])
+    return found
+
+
+def thin_out(
+    skel: Skeleton, min_radius: float = 0.0, max_order: int | None = None
+) -> tuple[Skeleton, int]:
+    """Remove twigs with all that they bear.
+
+    Parameters
+    ----------
+    min_radius
+        Least radius of a node that stays.
+    max_order
+        Highest order of an edge that stays; see `branch_orders`.
+
+    Returns
+    -------
+    Skeleton, int
+        What is left, and the number of edges that were removed.
+    """
+    parent, up, order = skel.parents
+    orders = branch_orders(skel)
+    keep = np.zeros(skel.n_nodes, dtype=bool)
+    keep[skel.root] = True
+    for node in order[1:].tolist():
+        thick = skel.radius[node] >= min_radius
+        low = max_order is None or orders[up[node]] <= max_order
+        keep[node] = keep[parent[node]] and thick and low
+    edges = np.flatnonzero(keep[skel.edges].all(axis=1))
+    if not len(edges):
+        raise UsageError("nothing is left of the skeleton: lower --min-radius or raise --max-order")
+    return skel.subset(np.flatnonzero(keep), edges, skel.root), skel.n_edges - len(edges)
+
+
+def extend_foot(skel: Skeleton) -> Skeleton:
+    """Return the skeleton with its root moved back by one radius.
+
+    The surface closes in a dome about half a radius beyond the root; so the trunk has its full
+    thickness where it leaves the ground.
+    """
+    ptr, others, _ = skel.incidence
+    root = skel.root
+    if skel.degree[root] != 1:
+        return skel
+    way = skel.pos[root] - skel.pos[others[ptr[root]]]
+    pos = skel.pos.copy()
+    pos[root] += skel.radius[root] * way / np.linalg.norm(way)
+    return skel.replaced(pos=pos)

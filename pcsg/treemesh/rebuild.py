@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pcsg.treemesh.field import SegmentField
 from pcsg.treemesh.projection import FairZone, find_fair_zone
-from pcsg.treemesh.skeleton import Bools, Floats, Ints
+from pcsg.treemesh.skeleton import Bools, Floats, Ints, connected_groups
 
 if TYPE_CHECKING:
     from pcsg.treemesh.surface import QuadMesh
@@ -83,19 +83,13 @@ def _keys(points: Floats) -> NDArray[np.uint64]:
 
 def _touched_zone(zone: FairZone, same: Bools, in_zone: Bools) -> Bools:
     """Return the vertices of connected pieces of the zone where anything is new."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
     n = len(same)
     place = np.full(n, -1)
     place[zone.chosen] = np.arange(len(zone.chosen))
     source = np.repeat(np.arange(len(zone.chosen)), np.diff(zone.ptr))
     inner = in_zone[zone.neighbours]
-    pairs = (source[inner], place[zone.neighbours[inner]])
-    size = (len(zone.chosen), len(zone.chosen))
-    graph = csr_array((np.ones(len(pairs[0]), dtype=bool), pairs), shape=size)
-    count, piece = connected_components(graph, directed=False)
-    changed = np.zeros(count, dtype=bool)
+    piece = connected_groups(len(zone.chosen), source[inner], place[zone.neighbours[inner]])
+    changed = np.zeros(int(piece.max(initial=-1)) + 1, dtype=bool)
     changed[piece[~same[zone.chosen]]] = True
     changed[piece[source[~same[zone.neighbours]]]] = True
     touched = np.zeros(n, dtype=bool)

@@ -226,6 +226,18 @@ def _first(wrong: Bools) -> int:
     return int(np.flatnonzero(wrong)[0])
 
 
+def connected_groups(n: int, i: Ints, j: Ints) -> Ints:
+    """Return the number of the connected group of every one of n things, linked in pairs (i, j)."""
+    try:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+    except ImportError:
+        raise UsageError("tree meshes need scipy: pip install 'pcsg[mesh]'") from None
+
+    graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
 @dataclass(frozen=True, eq=False)
 class Limbs:
     """Maximal chains of segments whose inner nodes have degree 2, away from the root.

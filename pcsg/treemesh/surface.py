@@ -79,6 +79,8 @@ class QuadMesh:
         The row in `field` of the segment that is nearest to every vertex, in radii.
     edge : int64 (f,)
         The edge of the skeleton that every quad belongs to.
+    cage, levels, factor
+        The control cage, the steps of its subdivision, and how much farther joints reach.
     uv : float64 (f, 4, 2)
         At the corners of quads: u once around the limb, v along it in circumferences, so that
         pictures are not stretched.
@@ -105,6 +107,7 @@ class QuadMesh:
     skeleton: Skeleton
     cage: Cage
     levels: tuple[Level, ...]
+    factor: Floats
     field: SegmentField
     dropped: Ints
     notes: tuple[str, ...] = ()
@@ -216,7 +219,9 @@ def tree_surface(
     off = int((np.abs(surf.residual - 1.0) > OFF).sum())
     if off:
         notes.append(f"{off} vertices could not be brought onto the surface")
-    return replace(surf, dropped=dropped, notes=tuple(notes), times=dict(timer.times))
+    return replace(
+        surf, factor=factor, dropped=dropped, notes=tuple(notes), times=dict(timer.times)
+    )
 
 
 def make_options(options: SurfaceOptions | None, more: Mapping[str, Any]) -> SurfaceOptions:
@@ -287,9 +292,38 @@ def build_on(
         skeleton=skel,
         cage=cage,
         levels=tuple(levels),
+        factor=np.ones(2 * len(skel.limbs)),
         field=found,
         dropped=np.zeros(0, dtype=np.int64),
     )
+
+
+def repose(surf: QuadMesh, skel: Skeleton, options: SurfaceOptions | None = None) -> QuadMesh:
+    """Return the surface with the same faces about the skeleton with its nodes moved.
+
+    For animation: no square of the cage is added or taken away, so that all frames share their
+    quads and only vertices move.
+
+    Parameters
+    ----------
+    skel
+        `QuadMesh.skeleton` with other places or radii.
+    options
+        Those that the surface was made with.
+
+    Raises
+    ------
+    UsageError
+        The skeleton has other edges.
+    """
+    if not np.array_equal(skel.edges, surf.skeleton.edges) or skel.root != surf.skeleton.root:
+        raise UsageError("an animation moves nodes only: the skeleton has other edges")
+    skel.check()
+    timer = Timer()
+    with timer.stage("cage"):
+        cage = surf.cage.place(skel, surf.factor)
+    found = build_on(skel, cage, surf.levels, options or SurfaceOptions(), timer, surf)
+    return replace(found, factor=surf.factor, times=dict(timer.times))
 
 
 def spread_labels(cage: Cage, levels: Sequence[Level]) -> tuple[Ints, Ints]:

@@ -77,7 +77,8 @@ def _flat_cap(verts: Floats, faces: Ints, vertex: int, outward: Floats) -> list[
     level = verts @ normal[seed]
     size = float(np.linalg.norm(np.ptp(verts, axis=0)))
     plane &= (np.abs(level[faces] - level[vertex]) < 1e-4 * size).all(axis=1)
-    return np.unique(faces[plane]).tolist()
+    found: list[int] = np.unique(faces[plane]).tolist()
+    return found
 
 
 def _layers(start: list[int], around: list[set[int]], n: int) -> list[list[int]] | None:
@@ -151,4 +152,4 @@ def _ring_centre(points: Floats) -> Floats:
 def _beside(radius: Floats) -> Floats:
     """Return the larger of the neighbours' radii."""
     padded = np.concatenate([[0.0], radius, [0.0]])
-    return np.maximum(padded[:-2], padded[2:])
+    return np.asarray(np.maximum(padded[:-2], padded[2:]))
