@@ -316,6 +316,51 @@ def skeleton(
     run_skeleton(given, output, quiet, json)
 
 
+@app.command()
+@guard
+def compose(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TEMPLATE",
+            help="A tree: a skeleton, a mesh or a grammar.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="OUT", help="Skeletons (.json .swc) or meshes, numbered."
+        ),
+    ] = None,
+    sources: Annotated[
+        list[Path], typer.Option("--with", metavar="FILE", help="A tree that gives subtrees too.")
+    ] = [],  # noqa: B006 - typer copies defaults
+    count: Annotated[int, typer.Option("-n", help="How many trees.")] = 1,
+    seed: Annotated[int, typer.Option(help="Of the first tree; the others count on.")] = 0,
+    depth: Annotated[int, typer.Option(help="Replacements within replacements.")] = 2,
+    replace: Annotated[float, typer.Option(help="Probability that a branch is replaced.")] = 0.7,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compose new trees of the branches of others."""
+    from pcsg.commands.compose import ComposeArguments, run
+
+    run(
+        ComposeArguments(
+            file=file,
+            sources=sources,
+            output=output,
+            count=count,
+            seed=seed,
+            depth=depth,
+            p_replace=replace,
+            quiet=quiet,
+            json=json,
+        )
+    )
+
+
 def main() -> None:
     """Run the command line."""
     app()
