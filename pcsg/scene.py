@@ -229,7 +229,7 @@ class Scene:
         others = 0
         for leaf in placed_leaves(states, limit):
             if leaf.carved or leaf.name not in ("cylinder", "cone"):
-                others += 1
+                others += leaf.name != "empty"
                 continue
             m = leaf.world_from_leaf
             top = leaf.args[0] if leaf.name == "cone" else 1.0

@@ -33,7 +33,7 @@ CAUCHY, QUARTIC = 0, 1
 LENGTH, WEIGHT_A, WEIGHT_B, SHAPE, RADIUS_A, RADIUS_B = 6, 7, 8, 9, 10, 11
 COLUMNS = 12
 
-_REACH = {"graph": 20.0, "all": 6.0}
+_REACH = {"graph": 12.0, "all": 6.0}
 """Distance, in radii, from which on a Cauchy segment is left out."""
 
 
