@@ -107,7 +107,7 @@ def contours(effort: Effort) -> Iterator[Row]:
             time.perf_counter,
         )["ours"]
         angle = float(np.percentile(smallest_angles(surf.verts, surf.quads), 1))
-        for cell in (0.04,) if effort.tiny else (0.04, 0.02, 0.01):
+        for cell in (0.04,) if effort.tiny else (0.04, 0.02):
             found = march(skel, cell)
             yield Row(
                 f"{name}, cells of {cell:g}",

@@ -15,8 +15,8 @@ from pcsg.treemesh.surgery import collapse
 SPUR = 1.0
 """A limb that ends in a tip and is shorter than this, in radii of its joint, is a spur."""
 
-JOINED = 0.5
-"""Joints closer than this, in radii, are one."""
+JOINED = 1.25
+"""Joints closer than this, in radii, are one: whorls come apart by about a radius."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ class _Draft:
             self.measure()
 
     def join_joints(self) -> None:
-        """Make joints one that are closer than half a radius."""
+        """Make joints one that are too close to each other to be two."""
         while True:
             degree = self.degree
             both = (degree[self.edges] >= 3).all(axis=1)
@@ -301,7 +301,7 @@ class _Draft:
         self.pos[number[joints]], self.radius[number[joints]] = places, radii
 
     def _short_limbs(self) -> list[list[int]]:
-        """Return limbs of several edges between two joints that are closer than half a radius."""
+        """Return limbs of several edges between two joints that are too close to be two."""
         limbs = self._skeleton().limbs
         found = []
         for k in range(len(limbs)):

@@ -20,6 +20,9 @@ from pcsg.treemesh.subdivision import corner_steps
 PARTING = 1.5
 """Reach of a joint over the distance where cylinders part; 1.15 folds three times more quads."""
 
+BEYOND = 4.0
+"""But no more than this many of the limb's own radii beyond, so that twigs begin at their bearer."""
+
 _LEAST_SINE = 0.15
 _NEARLY_OPPOSITE = math.radians(171.0)
 _LEAST_ANGLE = math.radians(4.0)
@@ -70,7 +73,8 @@ def measure_ends(
                     sine = max(_LEAST_SINE, math.sqrt(max(0.0, 1.0 - c * c)))
                     parting = max(parting, (radius[f] + radius[e] * c) / sine)
             least = max(0.6 * radius[e], 0.3 * joint_radius[j])
-            reach[e] = factor[e] * max(PARTING * parting, least)
+            beyond = min((PARTING - 1.0) * parting, BEYOND * radius[e])
+            reach[e] = factor[e] * max(parting + beyond, least)
             d0, d1, d2 = direction[e, 0], direction[e, 1], direction[e, 2]
             p0, p1, p2 = direction[partner, 0], direction[partner, 1], direction[partner, 2]
             m0, m1, m2 = d1 * p2 - d2 * p1, d2 * p0 - d0 * p2, d0 * p1 - d1 * p0
