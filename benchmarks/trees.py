@@ -205,8 +205,8 @@ def round_trips(effort: Effort) -> Iterator[Row]:
 def whorl(children: int) -> Skeleton:
     """Many children at one joint, all at 60 degrees from the axis."""
     angle = 2.0 * np.pi * np.arange(children) / children
-    side = np.stack([0.87 * np.cos(angle), 0.87 * np.sin(angle), 0.5 + 0.0 * angle], axis=1)
-    pos = np.concatenate([[[0, 0, 0], [0, 0, 1], [0, 0, 2]], side + [0, 0, 1]])
+    tips = np.stack([0.87 * np.cos(angle), 0.87 * np.sin(angle), 1.5 + 0.0 * angle], axis=1)
+    pos = np.concatenate([[[0, 0, 0], [0, 0, 1], [0, 0, 2]], tips])
     edges = [[0, 1], [1, 2], *([1, 3 + k] for k in range(children))]
     return Skeleton.make(pos, [0.15, 0.12, 0.1, *[0.06] * children], edges)
 

@@ -21,7 +21,7 @@ PARTING = 1.5
 """Reach of a joint over the distance where cylinders part; 1.15 folds three times more quads."""
 
 BEYOND = 4.0
-"""But no more than this many of the limb's own radii beyond, so that twigs begin at their bearer."""
+"""But at most this many of the limb's own radii beyond: twigs begin at their bearer."""
 
 _LEAST_SINE = 0.15
 _NEARLY_OPPOSITE = math.radians(171.0)
