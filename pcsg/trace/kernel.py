@@ -107,12 +107,14 @@ def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int,
                 at_level = present
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
-            n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level))
+            sheet = kind == LEAF and trees.leaves[4 * trees.targets[index] + 2] == 1
+            inner = load_ray(rays, at_level, world.tmin if sheet else near, far)
+            n = cross_reference(trees, pool, scratch, kind, index, inner, want)
             if n == OVERFLOW:
                 return UNDECIDED
             for k in range(ENDS, n, 2):
                 lo, hi = small[k], small[k + 1]
-                if kind == LEAF and trees.leaves[4 * trees.targets[index] + 2] == 1:
+                if sheet:
                     if lo < world.tmin:
                         continue
                 elif hi < near or hi <= lo:

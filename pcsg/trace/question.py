@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.jit import njit
-from pcsg.leaf.registry import OVERFLOW, Pool
+from pcsg.leaf.registry import ALL, OVERFLOW, Pool
 from pcsg.slabs import make_slabs, meet_block, wide
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.merge import tolerance
@@ -123,7 +123,7 @@ def ask(
                 at_level = present
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
-            n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level))
+            n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level), ALL)
             if n == OVERFLOW:
                 return UNDECIDED, t
             for k in range(ENDS, n, 2):

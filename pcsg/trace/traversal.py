@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
-from pcsg.leaf.registry import ALL, Pool
+from pcsg.leaf.registry import Pool
 from pcsg.simd import count_trailing_zeros
 from pcsg.slabs import wide
 from pcsg.trace.groups import LEAF, SMALL
@@ -127,11 +127,11 @@ def store_ray(rays: NDArray[np.float64], level: int, ray: Ray) -> None:
 
 
 @njit(inline=True)
-def load_ray(rays: NDArray[np.float64], level: int) -> Ray:
-    """Return the ray of a level."""
+def load_ray(rays: NDArray[np.float64], level: int, low: float = 0.0, high: float = 0.0) -> Ray:
+    """Return the ray of a level; where limits matter, with these."""
     at = 6 * level
     return Ray(
-        rays[at], rays[at + 1], rays[at + 2], rays[at + 3], rays[at + 4], rays[at + 5], 0.0, 0.0
+        rays[at], rays[at + 1], rays[at + 2], rays[at + 3], rays[at + 4], rays[at + 5], low, high
     )
 
 
@@ -146,14 +146,17 @@ def _keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None
 
 @njit(inline=True)
 def cross_reference(
-    trees: Trees, pool: Pool, scratch: Scratch, kind: int, index: int, ray: Ray
+    trees: Trees, pool: Pool, scratch: Scratch, kind: int, index: int, ray: Ray, want: int
 ) -> int:
-    """Write the crossings of a leaf or a small operation to `Scratch.small` from `ENDS` on."""
+    """Write the crossings of a leaf or a small operation to `Scratch.small` from `ENDS` on.
+
+    A small operation needs all of them, whatever is wanted.
+    """
     inner = transform_ray(load_affine(trees.inverses, 12 * index), ray)
     target = wide(trees.targets[index])
     if kind == LEAF:
         solid, args_at = trees.leaves[4 * target], trees.leaves[4 * target + 1]
-        n: int = leaf_crossings(solid, inner, ALL, trees.args, args_at, pool, scratch.small, ENDS)
+        n: int = leaf_crossings(solid, inner, want, trees.args, args_at, pool, scratch.small, ENDS)
         return n
     return small_crossings(
         trees.smalls,
