@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 import pcsg
 from pcsg.treemesh import (
@@ -19,13 +20,13 @@ from pcsg.treemesh import (
     extract_skeleton,
     resample,
     restore_offsets,
-    skeleton_of_segments,
     tree_surface,
 )
 from pcsg.treemesh.composition import compose
 from pcsg.treemesh.editing import Editor
 from pcsg.treemesh.library import Library
 from pcsg.treemesh.offsets import local_radii
+from pcsg.treemesh.pruning import extend_foot
 
 HERE = Path(__file__).parent
 GRAMMARS = HERE.parents[1] / "grammars"
@@ -79,7 +80,11 @@ class Stage:
         path = self.folder / "scene.pcsg"
         path.write_text(text)
         image = pcsg.render(pcsg.load(path), size=size, samples=32)
-        image.save(HERE / f"{name}.png")
+        whole = self.folder / "whole.png"
+        image.save(whole)
+        # A palette keeps the file small.
+        few = Image.open(whole).convert("RGB").quantize(256, dither=Image.Dither.FLOYDSTEINBERG)
+        few.save(HERE / f"{name}.png", optimize=True)
 
 
 def write_ply(
@@ -143,8 +148,8 @@ def balls(stage: Stage, skel: Skeleton, share: float, at: tuple[float, float, fl
 
 
 LIGHT = """
-sun { direction = (-0.55, -0.75, 0.8); color = (1, 0.93, 0.82); strength = 3.2; angle = 2 }
-sky { zenith = (0.55, 0.66, 0.80); horizon = (0.86, 0.88, 0.90); strength = 0.9 }
+sun { direction = (-0.55, -0.75, 0.8); color = (1, 0.93, 0.82); strength = 2.3; angle = 2 }
+sky { zenith = (0.55, 0.66, 0.80); horizon = (0.86, 0.88, 0.90); strength = 0.75 }
 """
 FLOOR = """
 ground { z = %g; material = paper }
@@ -153,8 +158,8 @@ material paper { color = (0.62, 0.60, 0.56); roughness = 1; specular = 0 }
 
 
 def tree(**values: float) -> Skeleton:
-    """The limbs of grammars/tree.pcsg."""
-    return pcsg.load(GRAMMARS / "tree.pcsg", **values).limbs().skeleton
+    """The limbs of grammars/tree.pcsg, with a foot below the ground."""
+    return extend_foot(pcsg.load(GRAMMARS / "tree.pcsg", **values).limbs().skeleton)
 
 
 def species(name: str, **values: float) -> Skeleton:
@@ -164,9 +169,9 @@ def species(name: str, **values: float) -> Skeleton:
 
 def steps(stage: Stage) -> None:
     """Skeleton, cage, subdivision, projection."""
-    skel = tree(cnt=3)
+    skel = tree(cnt=3, trunk=0)
     surf = tree_surface(skel)
-    step = 2.3
+    step = 2.25
     shift = [(k * step, 0.0, 0.0) for k in range(4)]
     stage.add_edges(skel.pos, skel.edges, 0.014, at=shift[0])
     balls(stage, skel, 0.34, shift[0])
@@ -183,8 +188,8 @@ def steps(stage: Stage) -> None:
     stage.add_edges(surf.start, edges_of(surf.quads), 0.0035, at=shift[2])
     stage.add(surf.verts, surf.quads, normals=surf.normals, at=shift[3])
     stage.add_edges(surf.verts, edges_of(surf.quads), 0.0035, at=shift[3])
-    camera = "eye = (3.45, -15, 2.4); target = (3.45, 0, 1.32); fov = 12.6"
-    stage.render("treemesh-steps", (1280, 430), camera, LIGHT + FLOOR % -0.08)
+    camera = "eye = (3.35, -15, 2.2); target = (3.35, 0, 1.27); fov = 12.4"
+    stage.render("treemesh-steps", (1200, 420), camera, LIGHT + FLOOR % 0.0)
 
 
 def soup_of(skel: Skeleton, sides: int = 9) -> list[tuple[Floats, Ints]]:
@@ -208,10 +213,8 @@ def soup_of(skel: Skeleton, sides: int = 9) -> list[tuple[Floats, Ints]]:
         q = np.arange(sides)
         ahead = (q + 1) % sides
         faces = [
-            np.stack(
-                [i * sides + q, i * sides + ahead, (i + 1) * sides + ahead, (i + 1) * sides + q], 1
-            )
-            for i in range(len(places) - 1)
+            i + np.stack([q, ahead, sides + ahead, sides + q], axis=1)
+            for i in sides * np.arange(len(places) - 1)
         ]
         found.append((np.concatenate(rings), np.concatenate(faces)))
     return found
@@ -219,12 +222,12 @@ def soup_of(skel: Skeleton, sides: int = 9) -> list[tuple[Floats, Ints]]:
 
 def mended(stage: Stage) -> None:
     """A soup of open tubes beside the surface that it becomes."""
-    tubes = soup_of(tree(cnt=5))
+    tubes = soup_of(tree(cnt=4, trunk=0))
     verts, faces, n = [], [], 0
     rng = np.random.default_rng(4)
     for v, f in tubes:
         tint = rng.uniform(0.75, 1.15)
-        paint = f"{0.50 * tint:.3f}, {0.56 * tint:.3f}, {0.62 * tint:.3f}"
+        paint = f"{0.36 * tint:.3f}, {0.43 * tint:.3f}, {0.50 * tint:.3f}"
         stage.add(v, f, color=paint)
         verts.append(v)
         faces.append(f + n)
@@ -232,10 +235,10 @@ def mended(stage: Stage) -> None:
     quads = np.concatenate(faces)
     soup = np.concatenate(verts), np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     surf = tree_surface(resample(extract_skeleton(soup)))
-    shift = (2.55, 0.0, 0.0)
+    shift = (2.75, 0.0, 0.0)
     stage.add(surf.verts, surf.quads, normals=surf.normals, at=shift)
-    stage.add_edges(surf.verts, edges_of(surf.quads), 0.0022, at=shift)
-    camera = "eye = (1.35, -9, 3.1); target = (1.35, 0, 2.02); fov = 17"
+    stage.add_edges(surf.verts, edges_of(surf.quads), 0.0024, at=shift)
+    camera = "eye = (1.4, -10, 2.6); target = (1.4, 0, 1.62); fov = 15.5"
     stage.render("treemesh-mended", (1000, 560), camera, LIGHT)
 
 
@@ -266,11 +269,11 @@ def errors(stage: Stage) -> None:
     surf = restore_offsets(tree_surface(resample(extract_skeleton(original)), levels=3), original)
     assert surf.offsets is not None
     share = -surf.offsets / local_radii(surf)
-    step = 2.6
+    step = 3.9
     stage.add(rough, true.triangles, color="0.50, 0.53, 0.56", at=(-step, 0.0, 0.0))
-    stage.add(surf.verts, surf.quads, colors=colors_of(share, 0.12))
+    stage.add(surf.verts, surf.quads, colors=colors_of(share, 0.2))
     stage.add(surf.positions, surf.quads, at=(step, 0.0, 0.0))
-    camera = "eye = (-0.1, -14, 4.6); target = (-0.1, 0, 4.05); fov = 18"
+    camera = "eye = (-0.1, -20, 4.9); target = (-0.1, 0, 4.55); fov = 18.5"
     stage.render("treemesh-errors", (1100, 640), camera, LIGHT)
 
 
@@ -289,13 +292,13 @@ def edits(stage: Stage) -> None:
     assert np.linalg.norm(way) > 0
     graft = Skeleton.make(0.26 * off.pos, 0.26 * off.radius, off.edges, off.root)
     turned = graft.pos @ np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0], [0.8, 0.0, 0.6]]).T
-    editor.merge(graft.replaced(pos=turned + [0.03, 0.0, 0.55]))
+    editor.merge(graft.replaced(pos=turned + np.array([0.03, 0.0, 0.55])))
     frames.append(editor.surface)
     for k, surf in enumerate(frames):
         stage.add(surf.verts, surf.quads, normals=surf.normals, at=(2.6 * k, 0.0, 0.0))
         stage.add_edges(surf.verts, edges_of(surf.quads), 0.0024, at=(2.6 * k, 0.0, 0.0))
-    camera = "eye = (4.0, -16, 2.6); target = (4.0, 0, 1.42); fov = 13.2"
-    stage.render("treemesh-edits", (1280, 420), camera, LIGHT + FLOOR % -0.08)
+    camera = "eye = (3.9, -16, 2.6); target = (3.9, 0, 1.62); fov = 14.0"
+    stage.render("treemesh-edits", (1200, 400), camera, LIGHT + FLOOR % 0.0)
 
 
 def _edge_at(skel: Skeleton, order: int, last: bool = False) -> int:
@@ -320,17 +323,17 @@ def composed(stage: Stage) -> None:
     library.add(template, "tree")
     for k in range(6):
         surf = tree_surface(compose(template, library, 7 + k), max_aspect=None)
-        place = (3.3 * (k % 6) - 8.25, 1.2 * (k % 2), 0.0)
+        place = (3.6 * (k % 6) - 9.0, 1.2 * (k % 2), 0.0)
         stage.add(surf.verts, surf.quads, normals=surf.normals, at=place)
-    camera = "eye = (0, -26, 2.6); target = (0, 0, 1.75); fov = 12.2"
-    stage.render("treemesh-composed", (1400, 340), camera, LIGHT + FLOOR % 0.0)
+    camera = "eye = (0, -26, 2.6); target = (0, 0, 1.85); fov = 12.6"
+    stage.render("treemesh-composed", (1300, 330), camera, LIGHT + FLOOR % 0.0)
 
 
 def hero(stage: Stage) -> None:
     """A tree of the gallery, without its leaves, as one surface."""
-    surf = tree_surface(tree(cnt=10), max_aspect=None)
+    surf = tree_surface(tree(cnt=11, trunk=0), max_aspect=None)
     stage.add(surf.verts, surf.quads, normals=surf.normals, color="0.36, 0.26, 0.17")
-    camera = "eye = (2.0, -11, 1.2); target = (0.1, 0, 2.35); fov = 27"
+    camera = "eye = (2.0, -10, 0.9); target = (0.05, 0, 1.95); fov = 26"
     more = """
     sun { direction = (-0.85, -0.5, 0.5); color = (1, 0.82, 0.56); strength = 4.4; angle = 1 }
     sky { zenith = (0.20, 0.36, 0.62); horizon = (0.72, 0.71, 0.68) }

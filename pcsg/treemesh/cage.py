@@ -108,10 +108,8 @@ def measure_joints(skel: Skeleton, limbs: Limbs, factor: Floats | None = None) -
     """Return how far joints reach; see `joints.measure_ends` and section 5.1."""
     n = len(limbs)
     first, last = limbs.ptr[:-1], limbs.ptr[1:] - 1
-    at = np.stack([first, last], axis=1).ravel()
     after = np.stack([first + 1, last - 1], axis=1).ravel()
-    direction = skel.pos[limbs.nodes[after]] - skel.pos[limbs.nodes[at]]
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    direction = limb_directions(skel, limbs)
     reach, crotch = np.zeros(2 * n), np.zeros((2 * n, 3))
     ptr, ends = limbs.joint_ends
     measure_ends(
@@ -131,6 +129,32 @@ def measure_joints(skel: Skeleton, limbs: Limbs, factor: Floats | None = None) -
     total = both.sum(axis=1, keepdims=True)
     both *= np.minimum(1.0, 0.9 * length / np.maximum(total, 1e-300))
     return JointEnds(direction, both.ravel(), crotch)
+
+
+def limb_directions(skel: Skeleton, limbs: Limbs) -> Floats:
+    """Return where limbs go from their ends, unit vectors (2 n_limbs, 3), by ``2 limb + side``.
+
+    To the next node, or to where the limb is a radius of its joint away: what lies inside the
+    joint says nothing about the limb.
+    """
+    n = len(limbs)
+    first, last = limbs.ptr[:-1], limbs.ptr[1:] - 1
+    at = np.stack([first, last], axis=1)
+    after = np.stack([first + 1, last - 1], axis=1)
+    own = skel.radius[limbs.nodes[at]]
+    step = np.abs(limbs.arc[after] - limbs.arc[at])
+    away = np.maximum(step, np.minimum(own, 0.5 * limbs.lengths[:, None]))
+    away[limbs.ends < 0] = step[limbs.ends < 0]
+    arc = np.stack([away[:, 0], limbs.lengths - away[:, 1]], axis=1).ravel()
+    k, part = find_arcs(limbs, np.repeat(np.arange(n), 2), arc)
+    p, q = skel.pos[limbs.nodes[k]], skel.pos[limbs.nodes[k + 1]]
+    way = p + part[:, None] * (q - p) - skel.pos[limbs.nodes[at.ravel()]]
+    size = np.linalg.norm(way, axis=1)
+    # A limb that bends back to its joint is seen by its first segment.
+    bent = size < 1e-6 * np.maximum(away.ravel(), 1e-300)
+    nodes = limbs.nodes
+    way[bent] = skel.pos[nodes[after.ravel()[bent]]] - skel.pos[nodes[at.ravel()[bent]]]
+    return _unit(way)
 
 
 def place_stations(limbs: Limbs, reach: Floats, max_aspect: float | None) -> Stations:
@@ -219,13 +243,19 @@ def _arcs(stations: Stations, limbs: Limbs) -> Floats:
 
 def _at_arcs(stations: Stations, limbs: Limbs, arc: Floats) -> Stations:
     """Return stations at other places of their limbs."""
+    step, part = find_arcs(limbs, stations.limb, arc)
+    return replace(stations, step=step, part=part)
+
+
+def find_arcs(limbs: Limbs, limb: Ints, arc: Floats) -> tuple[Ints, Floats]:
+    """Return the entry of `Limbs.nodes` before places along limbs, and the part of its segment."""
     # Limbs laid one behind the other are one sorted sequence.
     base = np.concatenate([[0.0], np.cumsum(limbs.lengths + 1.0)])
     line = limbs.arc + base[limbs.limb_of]
-    step = np.searchsorted(line, arc + base[stations.limb], side="right") - 1
-    step = np.clip(step, limbs.ptr[stations.limb], limbs.ptr[stations.limb + 1] - 2)
+    step = np.searchsorted(line, arc + base[limb], side="right") - 1
+    step = np.clip(step, limbs.ptr[limb], limbs.ptr[limb + 1] - 2)
     part = (arc - limbs.arc[step]) / (limbs.arc[step + 1] - limbs.arc[step])
-    return replace(stations, step=step, part=np.clip(part, 0.0, 1.0))
+    return step, np.clip(part, 0.0, 1.0)
 
 
 def place_rings(skel: Skeleton, limbs: Limbs, stations: Stations, ends: JointEnds) -> Rings:

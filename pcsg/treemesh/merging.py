@@ -11,7 +11,7 @@ from pcsg.errors import UsageError
 from pcsg.treemesh.skeleton import Floats, Ints, Skeleton
 
 SAME = 0.5
-"""Nodes closer than this, in radii, become one when skeletons are merged."""
+"""What is closer to an axis than this, in radii, is joined to the axis itself."""
 
 
 class Place(NamedTuple):
@@ -98,8 +98,8 @@ def merge(skel: Skeleton, other: Skeleton, node: int | None = None) -> Skeleton:
     Returns
     -------
     Skeleton
-        The closest edge of `skel` is split there, and an edge leads to the node; if the two are
-        closer than half a radius, they become one node.
+        The closest edge of `skel` is split there, and an edge leads to the node; if that lies
+        closer to the axis than half the radius there, the two become one node.
     """
     own = other.root if node is None else node
     if not 0 <= own < other.n_nodes:
@@ -107,7 +107,7 @@ def merge(skel: Skeleton, other: Skeleton, node: int | None = None) -> Skeleton:
     place = closest_place(skel, other.pos[own])
     base, at = node_at(skel, place)
     away = float(np.linalg.norm(base.pos[at] - other.pos[own]))
-    same = away < SAME * float(other.radius[own])
+    same = away < SAME * float(base.radius[at])
     number = base.n_nodes + np.arange(other.n_nodes)
     keep = np.ones(other.n_nodes, dtype=bool)
     link = np.zeros((0, 2), dtype=np.int64)

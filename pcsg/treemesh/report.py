@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pcsg.errors import UsageError
+from pcsg.treemesh.cage import limb_directions
 from pcsg.treemesh.meshes import mesh_arrays
 from pcsg.treemesh.nearest import MeshIndex, find_cuts, sample_surface
 from pcsg.treemesh.projection import OFF
@@ -137,11 +138,7 @@ def outside_acute_forks(surf: QuadMesh, quads: Ints, degrees: float = 20.0) -> B
     """Return which quads are not near a joint where two limbs are closer than an angle."""
     limbs = surf.skeleton.limbs
     ptr, ends = limbs.joint_ends
-    first, last = limbs.ptr[:-1], limbs.ptr[1:] - 1
-    at = np.stack([first, last], axis=1).ravel()
-    after = np.stack([first + 1, last - 1], axis=1).ravel()
-    way = surf.skeleton.pos[limbs.nodes[after]] - surf.skeleton.pos[limbs.nodes[at]]
-    way /= np.linalg.norm(way, axis=1)[:, None]
+    way = limb_directions(surf.skeleton, limbs)
     acute = np.zeros(len(limbs.joints), dtype=bool)
     for j in range(len(limbs.joints)):
         own = way[ends[ptr[j] : ptr[j + 1]]]

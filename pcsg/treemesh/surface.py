@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pcsg.errors import UsageError
-from pcsg.treemesh.cage import Cage, build_cage, measure_joints
+from pcsg.treemesh.cage import Cage, build_cage, limb_directions
 from pcsg.treemesh.coordinates import cage_coordinates
 from pcsg.treemesh.field import Kernel, Locality, SegmentField, build_field, nearest_rows
 from pcsg.treemesh.projection import OFF, FairZone, evolve, find_fair_zone
@@ -383,7 +383,7 @@ def _enlarge(surf: QuadMesh, factor: Floats) -> Floats | None:
     owner = surf.owner[surf.quads[folded]].max(axis=1)
     ptr, ends = limbs.joint_ends
     nodes = surf.skeleton.pos[limbs.joints]
-    direction = measure_joints(surf.skeleton, limbs).direction
+    direction = limb_directions(surf.skeleton, limbs)
     for point, k in zip(place, owner.tolist(), strict=True):
         if k >= len(limbs):
             joint = k - len(limbs)

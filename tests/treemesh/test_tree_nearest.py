@@ -71,14 +71,14 @@ def test_cuts_are_found_and_only_they() -> None:
     verts, quads, tri = surf.verts, surf.quads, surf.triangles
     assert find_cuts(verts, quads, tri)[0] == 0
     # A second copy, shifted: many of its quads cut the first.
-    both = np.concatenate([verts, [*verts, 0.03, 0.02, 0.0]])
+    both = np.concatenate([verts, verts + np.array([0.03, 0.02, 0.0])])
     quads2 = np.concatenate([quads, quads + len(verts)])
     tri2 = np.concatenate([tri, tri + len(verts)])
     pairs, cutting = find_cuts(both, quads2, tri2)
     assert pairs > 100
     assert (cutting < len(quads)).any()
     assert (cutting >= len(quads)).any()
-    far = np.concatenate([verts, [*verts, 30.0, 0.0, 0.0]])
+    far = np.concatenate([verts, verts + np.array([30.0, 0.0, 0.0])])
     assert find_cuts(far, quads2, tri2)[0] == 0
 
 

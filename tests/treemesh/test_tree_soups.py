@@ -79,7 +79,7 @@ def test_overlapping_branched_surfaces_become_one() -> None:
 
 def test_leaves_are_left_out() -> None:
     verts, faces = tubes(species("quercus"))
-    card = [*np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.1]]), 9.0, 9, 9]
+    card = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.1]]) + np.full(3, 9.0)
     both = (
         np.concatenate([verts, card]),
         np.concatenate([faces, np.array([[0, 1, 2], [0, 2, 3]]) + len(verts)]),
@@ -90,7 +90,7 @@ def test_leaves_are_left_out() -> None:
 
 def test_what_floats_free_is_refused() -> None:
     verts, faces = tubes(species("quercus"))
-    far = [*verts, 50.0, 0.0, 0.0]
+    far = verts + np.array([50.0, 0.0, 0.0])
     both = np.concatenate([verts, far]), np.concatenate([faces, faces + len(verts)])
     with pytest.raises(UsageError, match=r"float free: the nearest lies .* --reach"):
         extract(both)

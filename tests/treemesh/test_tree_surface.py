@@ -97,7 +97,7 @@ def test_vertices_lie_on_the_field(kernel: str) -> None:
 def test_the_field_is_the_sum_of_its_segments() -> None:
     skel = forked_tree(np.random.default_rng(1), forks=1)
     found = build_field(skel, locality="all", kernel="quartic")
-    points = [*skel.pos[skel.edges].mean(axis=1), 0.05, 0.02, 0.01]
+    points = skel.pos[skel.edges].mean(axis=1) + np.array([0.05, 0.02, 0.01])
     owner = np.zeros(len(points), dtype=np.int64)
     F, _ = found.evaluate(points, owner)
     t = (np.arange(20_000) + 0.5) / 20_000
