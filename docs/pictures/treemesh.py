@@ -188,7 +188,7 @@ def steps(stage: Stage) -> None:
     stage.add_edges(surf.start, edges_of(surf.quads), 0.0035, at=shift[2])
     stage.add(surf.verts, surf.quads, normals=surf.normals, at=shift[3])
     stage.add_edges(surf.verts, edges_of(surf.quads), 0.0035, at=shift[3])
-    camera = "eye = (3.35, -15, 2.2); target = (3.35, 0, 1.27); fov = 12.4"
+    camera = "eye = (3.1, -15, 2.2); target = (3.1, 0, 1.3); fov = 13.4"
     stage.render("treemesh-steps", (1200, 420), camera, LIGHT + FLOOR % 0.0)
 
 
@@ -238,7 +238,7 @@ def mended(stage: Stage) -> None:
     shift = (2.75, 0.0, 0.0)
     stage.add(surf.verts, surf.quads, normals=surf.normals, at=shift)
     stage.add_edges(surf.verts, edges_of(surf.quads), 0.0024, at=shift)
-    camera = "eye = (1.4, -10, 2.6); target = (1.4, 0, 1.62); fov = 15.5"
+    camera = "eye = (1.25, -10, 2.6); target = (1.25, 0, 1.5); fov = 17.5"
     stage.render("treemesh-mended", (1000, 560), camera, LIGHT)
 
 
@@ -273,7 +273,7 @@ def errors(stage: Stage) -> None:
     stage.add(rough, true.triangles, color="0.50, 0.53, 0.56", at=(-step, 0.0, 0.0))
     stage.add(surf.verts, surf.quads, colors=colors_of(share, 0.2))
     stage.add(surf.positions, surf.quads, at=(step, 0.0, 0.0))
-    camera = "eye = (-0.1, -20, 4.9); target = (-0.1, 0, 4.55); fov = 18.5"
+    camera = "eye = (-0.6, -20, 4.6); target = (-0.6, 0, 4.0); fov = 20"
     stage.render("treemesh-errors", (1100, 640), camera, LIGHT)
 
 
@@ -297,7 +297,7 @@ def edits(stage: Stage) -> None:
     for k, surf in enumerate(frames):
         stage.add(surf.verts, surf.quads, normals=surf.normals, at=(2.6 * k, 0.0, 0.0))
         stage.add_edges(surf.verts, edges_of(surf.quads), 0.0024, at=(2.6 * k, 0.0, 0.0))
-    camera = "eye = (3.9, -16, 2.6); target = (3.9, 0, 1.62); fov = 14.0"
+    camera = "eye = (3.75, -16, 2.6); target = (3.75, 0, 1.62); fov = 15.6"
     stage.render("treemesh-edits", (1200, 400), camera, LIGHT + FLOOR % 0.0)
 
 
