@@ -83,7 +83,9 @@ def node_at(skel: Skeleton, place: Place) -> tuple[Skeleton, int]:
     return split_edge(skel, place.edge, place.part)
 
 
-def merge(skel: Skeleton, other: Skeleton, node: int | None = None) -> Skeleton:
+def merge(
+    skel: Skeleton, other: Skeleton, node: int | None = None, *, along: bool = False
+) -> Skeleton:
     """Join a skeleton to another, which keeps its numbers.
 
     Parameters
@@ -94,6 +96,9 @@ def merge(skel: Skeleton, other: Skeleton, node: int | None = None) -> Skeleton:
         The one that is attached.
     node
         The node of `other` that is joined; its root by default.
+    along
+        Join where the limb, continued backwards, passes the axis that bears it, if it does so
+        within two and a half radii: a tube that ends at a trunk's surface does not bend there.
 
     Returns
     -------
@@ -105,6 +110,8 @@ def merge(skel: Skeleton, other: Skeleton, node: int | None = None) -> Skeleton:
     if not 0 <= own < other.n_nodes:
         raise UsageError(f"there is no node {own}: the last is {other.n_nodes - 1}")
     place = closest_place(skel, other.pos[own])
+    if along:
+        place = _place_behind(skel, other, own, place)
     base, at = node_at(skel, place)
     away = float(np.linalg.norm(base.pos[at] - other.pos[own]))
     same = away < SAME * float(base.radius[at])
@@ -134,6 +141,23 @@ def merge(skel: Skeleton, other: Skeleton, node: int | None = None) -> Skeleton:
         mapping,
         tags,
     )
+
+
+def _place_behind(skel: Skeleton, other: Skeleton, node: int, place: Place) -> Place:
+    """Return where a limb, continued backwards from its end, comes closest to the bearing axis."""
+    ptr, others, _ = other.incidence
+    radius = place.distance - place.gap
+    if other.degree[node] != 1 or place.distance < 1e-6 * radius:
+        return place
+    way = other.pos[node] - other.pos[others[ptr[node]]]
+    steps = np.linspace(0.0, 2.5 * radius, 26)[:, None] / float(np.linalg.norm(way))
+    edge, part, distance, gap = _closest(skel, other.pos[node] + steps * way)
+    # The first minimum: a limb that goes on from another's end lies on its axis from there on.
+    nearing = distance[1:] < distance[:-1] - 1e-6 * radius
+    k = int(np.argmin(nearing)) if not nearing.all() else len(nearing)
+    if distance[k] > SAME * radius:
+        return place
+    return Place(int(edge[k]), float(part[k]), float(distance[k]), float(gap[k]))
 
 
 def merge_all(parts: Sequence[Skeleton], reach: float) -> tuple[Skeleton, int]:
@@ -174,7 +198,7 @@ def merge_all(parts: Sequence[Skeleton], reach: float) -> tuple[Skeleton, int]:
                 )
             bridged += gap > 0.0
         part, node = probes.attachment(chosen)
-        whole = merge(whole, part, node)
+        whole = merge(whole, part, node, along=True)
         probes.join(chosen)
     whole.check()
     return whole, bridged
@@ -223,8 +247,9 @@ class _Probes:
         return int(np.argmax(np.where(inside, self.thick, -1.0))) if inside.any() else -1
 
     def next_near(self) -> tuple[int, float]:
-        """Return the part whose surface is nearest, and the gap."""
-        gap = np.minimum.reduceat(self.gap - self.radius, self.ptr[:-1])
+        """Return the part that runs through what is joined, or whose end is nearest; and the gap."""
+        own = np.where(self.is_end | (self.gap <= 0.0), self.gap - self.radius, np.inf)
+        gap = np.minimum.reduceat(own, self.ptr[:-1])
         gap[~self.waiting] = np.inf
         k = int(np.argmin(gap))
         return k, float(gap[k])
@@ -241,7 +266,8 @@ class _Probes:
             best = inside[np.argmax(part.radius[self.ends[k][inside]])]
             return part, int(self.ends[k][best])
         i = int(np.argmin(own))
-        if i < len(ends) or float(ends.min()) <= float(own[i]) + self.thick[k]:
+        passes = float(own[i]) <= 0.0
+        if not passes or float(ends.min()) <= float(own[i]) + self.thick[k]:
             return part, int(self.ends[k][int(np.argmin(ends))])
         at = self.ptr[k] + i
         return split_edge(part, int(self.edge[at]), float(self.part[at]))

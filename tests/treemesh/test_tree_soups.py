@@ -41,6 +41,40 @@ def test_tubes_become_one_surface(name: str, change: dict[str, Any]) -> None:
     assert (r["closed"], r["euler_characteristic"], r["quad_share"]) == (True, 2, 1.0)
 
 
+def lifted_tubes(true: Skeleton, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """Tubes that begin a share of their bearer's radius away from its axis, every other capped."""
+    verts, faces, n = [], [], 0
+    limbs = true.limbs
+    for k in range(len(limbs)):
+        at = slice(limbs.ptr[k], limbs.ptr[k + 1])
+        places, radii = true.pos[limbs.nodes[at]].copy(), limbs.radius[at]
+        if limbs.ends[k, 0] >= 0:
+            way = places[1] - places[0]
+            lift = share * true.radius[limbs.nodes[at][0]] / np.linalg.norm(way)
+            places[0] += min(lift, 0.6) * way
+        chain = np.stack([np.arange(len(places) - 1), np.arange(1, len(places))], axis=1)
+        v, f = tubes(Skeleton.make(places, radii, chain), sides=6, cap=k % 2 == 0)
+        verts.append(v)
+        faces.append(f + n)
+        n += len(v)
+    return np.concatenate(verts), np.concatenate(faces)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 1.1])
+@pytest.mark.parametrize("name", ["acer", "ulmus"])
+def test_tubes_that_begin_beside_an_axis_meet_on_it(name: str, share: float) -> None:
+    true = species(name)
+    found = extract(lifted_tubes(true, share)).skeleton
+    assert (len(found.tips), len(found.joints)) == (len(true.tips), len(true.joints))
+    joints = true.pos[true.joints]
+    for place, radius in zip(found.pos[found.joints], found.radius[found.joints], strict=True):
+        assert np.linalg.norm(joints - place, axis=1).min() < 0.6 * radius
+    r = tree_surface(resample(found)).report()
+    assert (r["closed"], r["euler_characteristic"], r["residual"]["off"]) == (True, 2, 0)
+    assert r["folded_share"] <= 0.003
+    assert r["self_intersections"]["pairs"] == 0
+
+
 def test_grafted_twigs_of_a_hundredth() -> None:
     trunk = Skeleton.make([[0, 0, 0], [0, 0, 4], [0, 0, 8]], [1.0, 1.0, 0.9], [[0, 1], [1, 2]])
     twigs = [
