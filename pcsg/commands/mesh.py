@@ -92,9 +92,11 @@ class Output:
 
 def run_mesh(given: Input, wanted: Output) -> None:
     """Build a surface and write it."""
+    from pcsg.jit import is_cached
     from pcsg.outputs import check_output, write_whole
     from pcsg.treemesh import SurfaceOptions, restore_offsets, tree_surface
     from pcsg.treemesh.files import WRITERS, report_text
+    from pcsg.treemesh.projection import project_range
     from pcsg.treemesh.pruning import extend_foot
 
     file = wanted.file or Path(given.file.stem + ".obj")
@@ -109,6 +111,8 @@ def run_mesh(given: Input, wanted: Output) -> None:
         max_aspect=wanted.max_aspect or None,
         locality=wanted.locality,  # type: ignore[arg-type]  # likewise
     )
+    if not (wanted.quiet or is_cached(project_range)):
+        say("compiling kernels, once per installation: some ten seconds")
     skel, notes = open_skeleton(given)
     surf = tree_surface(extend_foot(skel) if wanted.foot else skel, options)
     if wanted.offsets:

@@ -247,7 +247,7 @@ class _Probes:
         return int(np.argmax(np.where(inside, self.thick, -1.0))) if inside.any() else -1
 
     def next_near(self) -> tuple[int, float]:
-        """Return the part that runs through what is joined, or whose end is nearest; and the gap."""
+        """Return the part that runs through what is joined or ends nearest to it, and the gap."""
         own = np.where(self.is_end | (self.gap <= 0.0), self.gap - self.radius, np.inf)
         gap = np.minimum.reduceat(own, self.ptr[:-1])
         gap[~self.waiting] = np.inf
