@@ -204,7 +204,7 @@ class Scene:
         text = "\n".join([to_pcsg(self.graph, abridged=True), *digests])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def limbs(self, limit: int = 200_000) -> Assembled:
+    def limbs(self, limit: int = 1_000_000) -> Assembled:
         """Return the skeleton that the scene's cylinders and cones make, and notes.
 
         What a difference or an intersection carves is no limb.
@@ -224,7 +224,7 @@ class Scene:
 
         states = self.states
         if not states.finite:
-            states = enumerate_states(self.graph, self.values, 10 * limit)
+            states = enumerate_states(self.graph, self.values, limit)
         axes: list[tuple[float, ...]] = []
         others = 0
         for leaf in placed_leaves(states, limit):

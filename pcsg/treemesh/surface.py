@@ -26,6 +26,9 @@ from pcsg.treemesh.subdivision import Level, plan_levels, subdivide
 ENLARGE = 1.5
 """How much farther a joint reaches when it is built again because of folded quads."""
 
+FEW = 1e-5
+"""Share of folded quads that is let be: in a crown of thousands of forks some always are."""
+
 
 @dataclass(frozen=True)
 class SurfaceOptions:
@@ -376,7 +379,7 @@ def _enlarge(surf: QuadMesh, factor: Floats) -> Floats | None:
     """Return larger reaches for the two limbs beside every folded quad, None if there is none."""
     folded = folded_quads(surf)
     limbs = surf.skeleton.limbs
-    if not folded.any() or not len(limbs.joints):
+    if folded.sum() <= FEW * len(folded) or not len(limbs.joints):
         return None
     grown = factor.copy()
     place = surf.verts[surf.quads[folded]].mean(axis=1)
