@@ -134,7 +134,8 @@ def _replace(
     parent, up, _ = skel.parents
     joint, edge = int(parent[child]), int(up[child])
     gone, lost = subtree(skel, edge)
-    choice = library.like(int(skel.tags["order"][edge]), len(lost) + 1)
+    order = int(skel.tags["order"][edge])
+    choice = library.like(order, len(lost) + 1)
     if not choice or skel.n_edges == len(lost) + 1:
         return None
     entry = choice[int(rng.integers(len(choice)))]
@@ -165,9 +166,8 @@ def _replace(
         np.concatenate([rest.edges, number[part.edges]]),
         rest.root,
         None,
-        {"order": np.zeros(rest.n_edges + part.n_edges, dtype=np.int64)},
+        {"order": np.concatenate([rest.tags["order"], order + branch_orders(part)])},
     )
-    joined = joined.replaced(tags={"order": branch_orders(joined)})
     ptr, others, _ = part.incidence
     first = int(number[others[ptr[part.root]]])
     numbers = np.concatenate([ident, fresh])
