@@ -9,13 +9,19 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import detail, mesh, operations, pictures, rays
+from benchmarks import detail, mesh, operations, pictures, rays, trees
 from benchmarks.report import Effort, Subject, describe_machine, lines_of
 
 SUBJECTS: tuple[Subject, ...] = (
     rays.FIRST,
     rays.ANY,
     rays.THREADS,
+    trees.TIMES,
+    trees.EDITS,
+    trees.CONTOURS,
+    trees.WEIGHTS,
+    trees.ROUND_TRIPS,
+    trees.HARD,
     mesh.MESH,
     operations.OPERATIONS,
     detail.LAZY,

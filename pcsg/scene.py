@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,9 @@ from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.store import BLOCK_MEMORY
 from pcsg.trace.tracer import Engine, StatesTracer
 from pcsg.trace.walker import Walker
+
+if TYPE_CHECKING:
+    from pcsg.treemesh.segments import Assembled
 
 UNROLL_BUDGET = 2_000
 """States that are unrolled before others are left to be made on demand."""
@@ -255,6 +258,51 @@ class Scene:
     def sheets(self) -> NDArray[np.bool_]:
         """Which nodes of the graph are sheets, bool (nodes,): leaves without an inside."""
         return np.array([isinstance(n, Leaf) and n.is_sheet for n in self.graph.nodes])
+
+    def limbs(self, limit: int = 1_000_000) -> Assembled:
+        """Return the skeleton that the scene's cylinders and cones make, and notes.
+
+        What a difference or an intersection carves is no limb.
+
+        Parameters
+        ----------
+        limit
+            Most primitives that are expanded.
+
+        Raises
+        ------
+        UsageError
+            The scene has more primitives, or no cylinder or cone.
+        """
+        from pcsg.graph.leaves import placed_leaves
+        from pcsg.treemesh.segments import Segments, skeleton_of_segments
+
+        states = self.states
+        if not states.finite:
+            states = enumerate_states(self.graph, self.values, limit)
+        axes: list[tuple[float, ...]] = []
+        others = 0
+        for leaf in placed_leaves(states, limit):
+            if leaf.carved or leaf.name not in ("cylinder", "cone"):
+                others += leaf.name != "empty"
+                continue
+            m = leaf.world_from_leaf
+            top = leaf.args[0] if leaf.name == "cone" else 1.0
+            # The section of a cylinder may be an ellipse: the circle of the same area counts.
+            x, y, z = (np.array(m[k::4]) for k in range(3))
+            length = max(float(np.linalg.norm(z)), 1e-300)
+            r = math.sqrt(abs(float(np.cross(x, y) @ z)) / length)
+            foot = m[3::4]
+            head = (foot[0] + z[0], foot[1] + z[1], foot[2] + z[2])
+            axes.append((*foot, *head, r, r * top, leaf.label))
+        rows = np.array(axes, dtype=np.float64).reshape(-1, 9)
+        found = skeleton_of_segments(
+            Segments(rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], rows[:, 8].astype(np.int64))
+        )
+        if not others:
+            return found
+        note = f"{others} primitives that are no plain cylinders or cones were left out"
+        return found._replace(notes=(*found.notes, note))
 
     def setting_values(self, kind: str) -> list[dict[str, Any]]:
         """Return the settings of a kind, defaults filled in, None where automatic."""

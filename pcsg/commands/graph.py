@@ -12,7 +12,7 @@ ENDINGS = (".svg", ".dot", ".png")
 
 def run(file: Path, output: Path, include: Sequence[Path]) -> None:
     """Write the drawing in the format of the output's name."""
-    from pcsg.render.files import check_output, write_whole
+    from pcsg.outputs import check_output, write_whole
 
     check_output(output, ENDINGS)
     from pcsg.grammar import check_file

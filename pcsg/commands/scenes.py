@@ -20,8 +20,8 @@ def open_scene(
     time: float | None,
     include: Sequence[Path],
     max_memory: str | None,
-    block_memory: str | None,
-    engine: str,
+    block_memory: str | None = None,
+    engine: str = "auto",
 ) -> Scene:
     """Return the scene of a grammar with the options' values."""
     values = parse_assignments(assignments)

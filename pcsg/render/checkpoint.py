@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.errors import EnvironmentFault, UsageError
-from pcsg.render.files import write_whole
+from pcsg.outputs import write_whole
 from pcsg.render.image import Image
 from pcsg.render.job import Job
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.errors import UsageError
-from pcsg.render.files import check_output, write_by_name, write_whole
+from pcsg.outputs import check_output, write_by_name, write_whole
 from pcsg.render.formats import load_openexr, write_exr, write_png
 from pcsg.render.view import View
 

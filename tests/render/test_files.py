@@ -3,7 +3,7 @@ import os
 import pytest
 
 from pcsg.errors import EnvironmentFault, UsageError
-from pcsg.render.files import check_output, write_whole
+from pcsg.outputs import check_output, write_whole
 
 
 def names(folder):
@@ -65,7 +65,7 @@ def test_a_folder_that_takes_no_files(tmp_path, monkeypatch):
     def refuse(*args, **kwargs):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("pcsg.render.files.tempfile.mkstemp", refuse)
+    monkeypatch.setattr("pcsg.outputs.tempfile.mkstemp", refuse)
     with pytest.raises(EnvironmentFault, match="Permission denied"):
         check_output(tmp_path / "a.png", (".png",))
     with pytest.raises(EnvironmentFault, match="Permission denied"):

@@ -1,0 +1,1 @@
+"""Fields of skeletons, and what is made of them."""

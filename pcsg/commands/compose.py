@@ -1,0 +1,77 @@
+"""``pcsg compose``: new trees of the subtrees of others."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import typer
+
+from pcsg.commands.guard import say
+from pcsg.commands.mesh import Input, open_skeleton
+from pcsg.errors import UsageError
+
+
+@dataclass(frozen=True)
+class ComposeArguments:
+    """The options of ``pcsg compose``.
+
+    Attributes
+    ----------
+    file
+        The template.
+    sources
+        Trees whose subtrees are used too.
+    output
+        Name of the results; a number goes before its ending.
+    """
+
+    file: Path
+    sources: Sequence[Path]
+    output: Path | None
+    count: int
+    seed: int
+    depth: int
+    p_replace: float
+    quiet: bool
+    json: bool
+
+
+def run(arguments: ComposeArguments) -> None:
+    """Compose trees and write them, as skeletons or as meshes."""
+    from pcsg.outputs import check_output
+    from pcsg.treemesh import save_skeleton, tree_surface
+    from pcsg.treemesh.composition import CompositionOptions, compose
+    from pcsg.treemesh.files import SKELETON_ENDINGS, WRITERS
+    from pcsg.treemesh.library import Library
+
+    if arguments.count < 1:
+        raise UsageError(f"-n takes a number of trees from 1, not {arguments.count}")
+    target = arguments.output or Path(f"{arguments.file.stem}-composed.json")
+    files = [_numbered(target, k, arguments.count) for k in range(arguments.count)]
+    for file in files:
+        check_output(file, (*SKELETON_ENDINGS, *WRITERS))
+    template, _ = open_skeleton(Input(arguments.file, resample=False))
+    library = Library()
+    library.add(template, arguments.file.stem)
+    for source in arguments.sources:
+        library.add(open_skeleton(Input(source, resample=False))[0], source.stem)
+    options = CompositionOptions(depth=arguments.depth, p_replace=arguments.p_replace)
+    for k, file in enumerate(files):
+        skel = compose(template, library, arguments.seed + k, options)
+        if file.suffix.lower() in SKELETON_ENDINGS:
+            save_skeleton(skel, file)
+        else:
+            tree_surface(skel).save(file)
+        if arguments.json:
+            summary = {"file": str(file), "seed": arguments.seed + k, "segments": skel.n_edges}
+            typer.echo(json.dumps(summary))
+        elif not arguments.quiet:
+            say(f"{file}: {skel.n_edges} segments, {len(skel.tips)} tips")
+
+
+def _numbered(path: Path, k: int, count: int) -> Path:
+    """Return the name of the k-th of several files."""
+    return path if count == 1 else path.with_name(f"{path.stem}-{k + 1}{path.suffix}")
