@@ -16,7 +16,7 @@ from pcsg.errors import GrammarError, UsageError
 from pcsg.graph.bounds import HyperBoxes, hyper_boxes
 from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, unit
 from pcsg.graph.graph import GLOBALS, Graph
-from pcsg.graph.nodes import Combinable, as_node
+from pcsg.graph.nodes import Combinable, Leaf, as_node
 from pcsg.graph.states import StateGraph, enumerate_states
 from pcsg.graph.stats import graph_stats
 from pcsg.graph.text import to_pcsg
@@ -173,8 +173,14 @@ class Scene:
 
     def _make_walker(self) -> Walker:
         limit = {} if self._max_memory is None else {"max_bytes": self._max_memory}
-        boxes = self.boxes.boxes
-        return Walker(self.graph, self.values, boxes=boxes, threads=self._threads, **limit)
+        return Walker(
+            self.graph,
+            self.values,
+            boxes=self.boxes.boxes,
+            threads=self._threads,
+            states=self.states,
+            **limit,
+        )
 
     @cached_property
     def parameters(self) -> dict[str, float]:
@@ -191,7 +197,9 @@ class Scene:
     @cached_property
     def source_hash(self) -> str:
         """Digest of the grammar with its overrides, in hexadecimal."""
-        return hashlib.sha256(self.to_pcsg().encode()).hexdigest()[:16]
+        digests = [c.digest for n in self.graph.nodes if isinstance(n, Leaf) for c in n.constants]
+        text = "\n".join([to_pcsg(self.graph, abridged=True), *digests])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def setting_values(self, kind: str) -> list[dict[str, Any]]:
         """Return the settings of a kind, defaults filled in, None where automatic."""

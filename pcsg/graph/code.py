@@ -200,7 +200,7 @@ class GraphCode:
         args = self._memory.get(key)
         if args is None:
             args = tuple(self._run(k, params))
-            for parameter, expr, x in zip(node.solid.parameters, node.args, args, strict=True):
+            for parameter, expr, x in zip(node.parameters, node.args, args, strict=True):
                 low_ok = x > parameter.low if parameter.open_low else x >= parameter.low
                 if not (low_ok and x <= parameter.high):
                     raise NodeFault(

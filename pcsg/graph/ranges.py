@@ -400,13 +400,15 @@ class _Ranges:
 def _leaf_extent(node: Leaf, args: list[Interval]) -> Extent:
     """Return the extent of a primitive; bounds are monotone in every argument."""
     ends = []
-    for parameter, (lower, upper) in zip(node.solid.parameters, args, strict=True):
+    if node.constants and not all(map(is_point, args)):
+        return _ANYTHING
+    for parameter, (lower, upper) in zip(node.parameters, args, strict=True):
         ends.append((max(lower, parameter.low), min(upper, parameter.high)))
     box = EMPTY
     for corner in product(*ends):
         if not all(map(math.isfinite, corner)):
             return _ANYTHING
-        bounds = node.solid.bounds_of(corner)
+        bounds = node.bounds_of(corner)
         box = join(box, (*bounds.lower, *bounds.upper))
     return Extent(box, _reach(box))
 

@@ -21,7 +21,7 @@ from pcsg.graph.graph import Graph
 from pcsg.graph.hulls import Bounds, Hulls, Part
 from pcsg.graph.nodes import Leaf
 from pcsg.graph.states import StateGraph
-from pcsg.leaf.registry import Solid
+from pcsg.simd import WIDTH
 from pcsg.trace.groups import (
     BLOCK,
     EMPTY,
@@ -33,7 +33,7 @@ from pcsg.trace.groups import (
     Reference,
     gather,
 )
-from pcsg.trace.simd import WIDTH
+from pcsg.trace.pool import ModelPool
 from pcsg.trace.small import SmallOperation, flatten_operation
 from pcsg.vec import IDENTITY, Affine
 
@@ -115,16 +115,17 @@ class _Cut(NamedTuple):
     box: Bounds
 
 
-def build_blocks(graph: Graph, states: StateGraph) -> Blocks:
-    """Return the blocks of a finite acyclic state graph."""
+def build_blocks(graph: Graph, states: StateGraph, models: ModelPool | None = None) -> Blocks:
+    """Return the blocks of a finite acyclic state graph; models of its leaves go into a pool."""
     hulls = Hulls(states)
     hulls.tolerance = CUT_TOLERANCE
-    return _Builder(graph, gather(states, hulls), hulls).build()
+    return _Builder(graph, gather(states, hulls), hulls, models or ModelPool()).build()
 
 
 class _Builder:
-    def __init__(self, graph: Graph, groups: Groups, hulls: Hulls) -> None:
+    def __init__(self, graph: Graph, groups: Groups, hulls: Hulls, models: ModelPool) -> None:
         self.graph = graph
+        self.models = models
         self.groups = groups
         self.hulls = hulls
         self.boxes: list[NDArray[np.float64]] = []
@@ -279,9 +280,12 @@ class _Builder:
         args: list[float] = []
         attributes: list[float] = []
         for record in self.groups.leaves:
-            solid = self._solid(record.node)
-            leaves.append((solid.kind, len(args), int(solid.sheet), record.node))
-            args.extend(record.args)
+            leaf = self._leaf(record.node)
+            leaves.append((leaf.solid.kind, len(args), int(leaf.is_sheet), record.node))
+            if leaf.constants:
+                args.extend(self.models.place(leaf.model(record.args)))
+            else:
+                args.extend(record.args)
             # What no attribute node assigns is not live, so states do not know it.
             attributes.extend(
                 default if math.isnan(value) else value
@@ -311,18 +315,17 @@ class _Builder:
             root=self.first_block.get(self.groups.root, 0),
         )
 
-    def _solid(self, number: int) -> type[Solid]:
+    def _leaf(self, number: int) -> Leaf:
         node = self.graph.nodes[number]
         assert isinstance(node, Leaf)
-        return node.solid
+        return node
 
     def _sheets(self) -> list[bool]:
         """Return for every operation whether there are sheets below it."""
         groups = self.groups
         has: dict[tuple[int, int], bool] = {}
         for k, record in enumerate(groups.leaves):
-            node = self.graph.nodes[record.node]
-            has[LEAF, k] = isinstance(node, Leaf) and node.solid.sheet
+            has[LEAF, k] = self._leaf(record.node).is_sheet
         # Groups and operations refer to what was found before them, or nearly: repeat until still.
         changed = True
         while changed:

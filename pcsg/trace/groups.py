@@ -42,11 +42,18 @@ class Reference(NamedTuple):
 
 
 class LeafRecord(NamedTuple):
-    """A leaf with everything that does not depend on the place."""
+    """A leaf with everything that does not depend on the place.
+
+    Attributes
+    ----------
+    has_data
+        Whether it is a leaf with data, which a ray may cross any number of times.
+    """
 
     node: int
     args: tuple[float, ...]
     attributes: tuple[float, ...]
+    has_data: bool = False
 
 
 class OperationRecord(NamedTuple):
@@ -117,7 +124,7 @@ class _Gatherer:
         assert isinstance(node, Leaf)
         if part is None or node.solid.primitives == 0:
             return ()
-        record = LeafRecord(item.node, item.args, item.attributes)
+        record = LeafRecord(item.node, item.args, item.attributes, bool(node.constants))
         key = ("leaf", record)
         if key not in self.known:
             self.known[key] = len(self.found.leaves)

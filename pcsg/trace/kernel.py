@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 
 from pcsg.jit import njit
-from pcsg.leaf.registry import ANY, Pool
+from pcsg.leaf.registry import ANY, OVERFLOW, Pool
+from pcsg.slabs import make_slabs, meet_block, wide
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.merge import tolerance
 from pcsg.trace.question import ask, is_subtracted, settle_exit
@@ -36,12 +37,9 @@ from pcsg.trace.traversal import (
     cross_reference,
     keep_surface,
     load_ray,
-    make_slabs,
-    meet_block,
     precedes,
     push_references,
     store_ray,
-    wide,
 )
 from pcsg.vec import Ray, load_affine, transform_ray
 
@@ -110,6 +108,8 @@ def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int,
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
             n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level))
+            if n == OVERFLOW:
+                return UNDECIDED
             for k in range(ENDS, n, 2):
                 lo, hi = small[k], small[k + 1]
                 if kind == LEAF and trees.leaves[4 * trees.targets[index] + 2] == 1:

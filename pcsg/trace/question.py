@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.jit import njit
-from pcsg.leaf.registry import Pool
+from pcsg.leaf.registry import OVERFLOW, Pool
+from pcsg.slabs import make_slabs, meet_block, wide
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.merge import tolerance
 from pcsg.trace.traversal import (
@@ -35,12 +36,9 @@ from pcsg.trace.traversal import (
     cross_reference,
     keep_surface,
     load_ray,
-    make_slabs,
-    meet_block,
     precedes,
     push_references,
     store_ray,
-    wide,
 )
 from pcsg.vec import Ray, load_affine, transform_ray
 
@@ -126,6 +124,8 @@ def ask(
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
             n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level))
+            if n == OVERFLOW:
+                return UNDECIDED, t
             for k in range(ENDS, n, 2):
                 lo, hi = small[k], small[k + 1]
                 if hi <= beyond or hi <= lo:

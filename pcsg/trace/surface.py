@@ -7,12 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
+from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS, ATTRIBUTE_SLOTS
 from pcsg.jit import njit
-from pcsg.leaf.dispatch import leaf_normal, leaf_uv
+from pcsg.leaf.dispatch import leaf_attributes, leaf_normal, leaf_uv
 from pcsg.leaf.registry import Pool
 from pcsg.trace.hits import Hits
 from pcsg.vec import Affine, Ray, Vec3, normalize, transform_normal
+
+OWN_SLOTS = tuple(ATTRIBUTE_SLOTS.index(f"@{name}") for name in ("red", "green", "blue", "label"))
+"""Attribute slots that a leaf may fill itself."""
 
 
 class Surface(NamedTuple):
@@ -118,3 +121,7 @@ def describe_hit(
     out.uv[i, 0], out.uv[i, 1] = leaf_uv(kind, p, args, args_at, pool)
     for k in range(out.attributes.shape[1]):
         out.attributes[i, k] = attributes[attributes_at + k]
+    own = leaf_attributes(kind, p, args, args_at, pool)
+    for k in range(4):
+        if own[k] >= 0.0:
+            out.attributes[i, OWN_SLOTS[k]] = own[k]

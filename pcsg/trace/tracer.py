@@ -17,6 +17,7 @@ from pcsg.leaf.registry import ANY, FIRST, Pool
 from pcsg.trace.blocks import Blocks, build_blocks
 from pcsg.trace.blocks_batch import find_batch
 from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.pool import pool_of
 from pcsg.trace.rays import Rays, check_rays, count_processors, run_chunks
 from pcsg.trace.surface import Surface, make_surface
 from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, Trees, make_scratch
@@ -47,18 +48,19 @@ class StatesTracer:
         walker: Callable[[], Walker],
         threads: int | None = None,
     ) -> None:
-        self.blocks: Blocks = build_blocks(graph, states)
+        self._models = pool_of(graph)
+        self.blocks: Blocks = build_blocks(graph, states, self._models)
         self.threads = threads or count_processors()
         self._make_walker = walker
         self._lock = threading.Lock()
         self._trees = Trees(*(getattr(self.blocks, name) for name in Trees._fields))
-        self._pool: Pool = (np.zeros(1), np.zeros(1, np.float32), np.zeros(1, np.int32))
+        self._pool: Pool = self._models.pool
         self._local = threading.local()
 
     @property
     def nbytes(self) -> dict[str, int]:
         """Bytes of what rays read."""
-        return {"blocks": self.blocks.nbytes}
+        return {"blocks": self.blocks.nbytes, **self._models.nbytes}
 
     @cached_property
     def _lists(self) -> Walker:

@@ -163,7 +163,7 @@ class Judge:
     def alone(self, number: int | None = None) -> list[Graph]:
         """Return a graph for every place of a leaf, or of all leaves."""
         return [
-            Graph(cases.prefix("matrix", *sum(leaf.frame, ())) * cases.solid(leaf.name, *leaf.args))
+            Graph(cases.prefix("matrix", *sum(leaf.frame, ())) * leaf.alone())
             for leaf in oracle.leaves(self.graph)
             if number is None or leaf.number == number
         ]
@@ -175,6 +175,8 @@ class Judge:
             linear, shift = np.array(leaf.frame)[:, :3], np.array(leaf.frame)[:, 3]
             local_o, local_d = np.linalg.solve(linear, np.array([o - shift, d]).T).T
             planes = oracle._PLANES.get(leaf.name, [])
+            if leaf.node.constants:
+                planes = [_unit_plane(t) for t in oracle.triangles_of(leaf.node)]
             if leaf.name in oracle.SHEETS:
                 planes = oracle._PLANES["halfspace"]
             hair = 1e-6 * max(1.0, np.abs(local_o).max())
@@ -200,6 +202,12 @@ class Judge:
             others = [_without_slivers(_pairs(self.of(other))) for other in nearby(ray)]
             right = any(_same(thick, other, loose) for other in others) or self.glides(ray)
             assert right, ("spans", ray, pairs, _pairs(self.of(ray)))
+
+
+def _unit_plane(triangle: oracle.Triangle) -> tuple[Any, float]:
+    n, c = oracle.plane_of(triangle)
+    size = float(np.linalg.norm(n))
+    return np.array(n) / size, c / size
 
 
 def _pairs(found: Sequence[Event]) -> list[tuple[float, float]]:

@@ -1,7 +1,7 @@
-"""Four boxes against one ray, in vector registers.
+"""Four boxes against one ray, in vector registers, and working space on the machine's stack.
 
 The one place where kernels are not plain Python: a loop over four boxes costs 1.5 to 2 times as
-much.
+much, and kernels cannot allocate arrays.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
-from numba.core import types
+from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 WIDTH = 4
@@ -113,5 +113,39 @@ def _meet_boxes(
     return signature, generate
 
 
+LOCAL = 256
+"""Numbers in an array on the machine's stack."""
+
+
+def _local_array(typing: Any, kind: Any) -> Any:
+    """Return a generator of code for an array that lives as long as the call that asks for it."""
+    array = types.Array(kind, 1, "C")
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        item = context.get_data_type(kind)
+        data = cgutils.alloca_once(builder, item, size=LOCAL)  # type: ignore[no-untyped-call]
+        made = context.make_array(array)(context, builder)
+        size = context.get_constant(types.intp, LOCAL)
+        width = context.get_constant(types.intp, context.get_abi_sizeof(item))
+        context.populate_array(
+            made, data=data, shape=(size,), strides=(width,), itemsize=width, meminfo=None
+        )
+        return made._getvalue()
+
+    return array(), generate
+
+
+def _local_integers(typing: Any) -> Any:
+    """Return an int64 array of `LOCAL` numbers, whose content is undefined."""
+    return _local_array(typing, types.int64)
+
+
+def _local_doubles(typing: Any) -> Any:
+    """Return a float64 array of `LOCAL` numbers, whose content is undefined."""
+    return _local_array(typing, types.float64)
+
+
+local_integers: Any = intrinsic(_local_integers)
+local_doubles: Any = intrinsic(_local_doubles)
 count_trailing_zeros: Any = intrinsic(_count_trailing_zeros)
 meet_boxes: Any = intrinsic(_meet_boxes)
