@@ -57,6 +57,9 @@ from pcsg.blobtree.warps import warp_ladder
 from pcsg.jit import njit
 from pcsg.vec import Vec3, load_affine, transform_point, transform_vector
 
+NOBODY = 1 << 40
+"""A primitive behind all others."""
+
 SUM, POLYGON = BLENDS["sum"].kind, SKELETONS["polygon"].kind
 
 skeleton_distance = skeleton_ladder("distance", "p d c at pool", "(1e300, 0.0)")
@@ -235,13 +238,18 @@ def warped_hull(
     if begin > end:
         return 0.0, 0.0, 0.0, 0.0
     t = begin - h[at + NEAREST]
-    ga, pa, smooth, domain = warped_distance(m, kind, h, at, t)
-    if a == b:
-        return field_hull(ga, ga, pa, pa, inverse, w)
     span = end - begin
-    gb, pb, smooth_b, domain_b = warped_distance(m, kind, h, at, t + span)
+    smooth, domain = math.inf, math.inf
+    ga, pa, gb, pb = 0.0, 0.0, 0.0, 0.0
+    for _ in range(2):
+        ga, pa = gb, pb
+        gb, pb, more, left = warped_distance(m, kind, h, at, t)
+        if a == b:
+            return field_hull(gb, gb, pb, pb, inverse, w)
+        smooth, domain = min(smooth, more), min(domain, left)
+        t += span
     speed = h[at + H_SPEED]
-    if min(domain, domain_b) <= span:
+    if domain <= span:
         # The curve may leave the domain: anything a lone primitive can be.
         steep = 2.0 * speed * math.sqrt(inverse) * abs(w)
         return min(w, 0.0), max(w, 0.0), -steep, steep
@@ -250,7 +258,7 @@ def warped_hull(
     far = 0.5 * (da + db + speed * span)
     low, high = near * near, far * far
     p_low, p_high = -2.0 * far * speed, 2.0 * far * speed
-    if min(smooth, smooth_b) > span:
+    if smooth > span:
         # g'' = 2 |q'|2 (less what the set bends away) + grad g . q''
         pull = 2.0 * far * h[at + H_ACCELERATION]
         push = 2.0 * speed * speed + pull
@@ -281,16 +289,18 @@ def leaf_hull(
     if h[at + H_ROW] >= 0.0:
         return warped_hull(m, kind, h, at, a, b)
     d = Vec3(h[at + DIRECTION], h[at + DIRECTION + 1], h[at + DIRECTION + 2])
-    t = a - h[at + NEAREST]
-    p = Vec3(h[at] + t * d.x, h[at + 1] + t * d.y, h[at + 2] + t * d.z)
-    ga, pa = skeleton_distance(kind, p, d, h, at + H_CONSTANT, m.floats)
     inverse, w = h[at + H_INVERSE], h[at + H_WEIGHT]
-    if a == b:
-        return field_hull(ga, ga, pa, pa, inverse, w)
-    t = b - h[at + NEAREST]
-    p = Vec3(h[at] + t * d.x, h[at + 1] + t * d.y, h[at + 2] + t * d.z)
-    gb, pb = skeleton_distance(kind, p, d, h, at + H_CONSTANT, m.floats)
-    low, high, p_low, p_high = convex_hull(ga, pa, gb, pb, b - a, h[at + H_SPEED])
+    ga, pa, g, slope, t = 0.0, 0.0, 0.0, 0.0, a
+    for _ in range(2):
+        # First at a, then at b.
+        s = t - h[at + NEAREST]
+        p = Vec3(h[at] + s * d.x, h[at + 1] + s * d.y, h[at + 2] + s * d.z)
+        ga, pa = g, slope
+        g, slope = skeleton_distance(kind, p, d, h, at + H_CONSTANT, m.floats)
+        if a == b:
+            return field_hull(g, g, slope, slope, inverse, w)
+        t = b
+    low, high, p_low, p_high = convex_hull(ga, pa, g, slope, b - a, h[at + H_SPEED])
     return field_hull(low, high, p_low, p_high, inverse, w)
 
 
@@ -341,15 +351,35 @@ def hull(
     frames, first = FRAMES * work.room, SLOTS * work.room
     values[4 * first] = 0.0
     top, n = -1, 1
-    for q in range(begin, begin + count):
-        k = ints[q]
-        low, high, d_low, d_high = leaf_hull(m, work, k, a, b)
-        if low == 0.0 and high == 0.0:
-            continue
-        i = ints[k]
-        op = wide(ops[m.primitives + PRIMITIVE * i + PARENT])
-        while top >= 0 and i >= ops[m.operators + OPERATOR * ints[frames + 2 * top] + END]:
+    for q in range(begin, begin + count + 1):
+        # Behind the last primitive all operators are closed.
+        i, op = NOBODY, wide(-1)
+        low, high, d_low, d_high = 0.0, 0.0, 0.0, 0.0
+        if q < begin + count:
+            k = ints[q]
+            low, high, d_low, d_high = leaf_hull(m, work, k, a, b)
+            if low == 0.0 and high == 0.0:
+                continue
+            i = ints[k]
+            op = wide(ops[m.primitives + PRIMITIVE * i + PARENT])
+        while top >= 0:
+            present = ints[frames + 2 * top]
+            if i < ops[m.operators + OPERATOR * present + END]:
+                break
+            if i == NOBODY and top == 0 and n == 2 and values[4 * (first + 1)] >= 0.0:
+                # A single value: nothing happens to it before the next anchor.
+                anchor = wide(ops[m.operators + OPERATOR * present + ANCHOR])
+                if anchor < 0:
+                    top = -1
+                    break
+                # It comes through the child of the anchor that it is found in.
+                while present != anchor:
+                    ints[first + 1] = ops[m.operators + OPERATOR * present + SLOT]
+                    present = wide(ops[m.operators + OPERATOR * present + UP])
+                ints[frames] = anchor
             top, n = close_operator(m, work, top, n)
+        if i == NOBODY:
+            break
         if top < 0 or ints[frames + 2 * top] != op:
             top += 1
             ints[frames + 2 * top], ints[frames + 2 * top + 1] = op, n
@@ -357,21 +387,7 @@ def hull(
         values[at], values[at + 1], values[at + 2], values[at + 3] = low, high, d_low, d_high
         ints[first + n] = 0
         n += 1
-    if top < 0:
+    if n == 1:
         return 0.0, 0.0, 0.0, 0.0
-    while top >= 0:
-        if top == 0 and n == 2 and values[4 * (first + 1)] >= 0.0:
-            # A single value: nothing happens to it before the next anchor.
-            anchor = wide(ops[m.operators + OPERATOR * ints[frames] + ANCHOR])
-            if anchor < 0:
-                break
-            if anchor != ints[frames]:
-                # The slot is that of the child through which it comes; find it on the way.
-                op = ints[frames]
-                while op != anchor:
-                    ints[first + 1] = ops[m.operators + OPERATOR * op + SLOT]
-                    op = wide(ops[m.operators + OPERATOR * op + UP])
-                ints[frames] = anchor
-        top, n = close_operator(m, work, top, n)
     at = 4 * (first + 1)
     return values[at], values[at + 1], values[at + 2], values[at + 3]

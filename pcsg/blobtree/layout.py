@@ -78,9 +78,9 @@ class Tables(NamedTuple):
 
 
 @njit
-def wide(x: int) -> int:
+def wide(x: float) -> int:
     """Return an integer of 64 bits, so that offsets do not overflow."""
-    return np.int64(x)  # type: ignore[return-value]  # numpy's integers are no ints to mypy
+    return np.int64(x)  # type: ignore[return-value]  # to numba it is an int
 
 
 @njit
@@ -138,14 +138,3 @@ class Work(NamedTuple):
     intervals: NDArray[np.float64]
     marks: NDArray[np.int64]
     room: int
-
-
-def make_work(room: int = 1024) -> Work:
-    """Return workspace for rays that meet the supports of so many primitives at most."""
-    return Work(
-        np.zeros((MET + 4) * room + 8),
-        np.zeros((LISTS + LISTS_LENGTH) * room, np.int64),
-        np.zeros(2 * STACK),
-        np.zeros(4 * STACK, np.int64),
-        room,
-    )

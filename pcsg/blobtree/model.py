@@ -46,22 +46,20 @@ from pcsg.blobtree.layout import (
     SLIM_ROW,
     UV_AT,
     Pool,
-    make_work,
 )
-from pcsg.blobtree.nodes import Bent, Combination, Cones, Field, Painted, Placed, Primitive
-from pcsg.blobtree.points import (
-    ATTRIBUTE_COLUMNS,
-    ATTRIBUTES_ASKED,
-    BOUND,
+from pcsg.blobtree.native import (
+    CROSSINGS,
+    DESCRIPTION,
     FIELD,
     GRADIENT,
-    MODEL_SLOTS,
-    U,
-    V,
-    point_batch,
+    MOST,
+    address,
+    ask_batch,
 )
+from pcsg.blobtree.nodes import Bent, Combination, Cones, Field, Painted, Placed, Primitive
+from pcsg.blobtree.points import ATTRIBUTE_COLUMNS, BOUND, MODEL_SLOTS, U, V
 from pcsg.blobtree.skeletons import SKELETONS
-from pcsg.blobtree.trace import ALL, ANY, FIRST, shoot_batch
+from pcsg.blobtree.trace import ALL, ANY, FIRST
 from pcsg.errors import EnvironmentFault
 from pcsg.jit import plain
 from pcsg.vec import Vec3
@@ -505,22 +503,23 @@ class Model:
             strongest primitive's, NaN where there is none; ``bound`` (N,), the share of bounded
             blends; ``uv`` (N, 2); every other attribute by the name of its slot.
         """
-        out = self._ask(ATTRIBUTES_ASKED, points, ATTRIBUTE_COLUMNS)
+        out = self._ask(DESCRIPTION, points, ATTRIBUTE_COLUMNS)
         named = {name: out[:, k] for k, name in enumerate(MODEL_SLOTS) if k >= 3}
         named["label"] = named.pop("@label")
         return named | {"color": out[:, :3], "bound": out[:, BOUND], "uv": out[:, [U, V]]}
 
     def _ask(self, asked: int, points: ArrayLike, columns: int) -> Array:
-        where = np.ascontiguousarray(np.asarray(points, np.float64).reshape(-1, 3))
+        where = np.asarray(points, np.float64).reshape(-1, 3)
+        rays = np.zeros((len(where), 8))
+        rays[:, :3] = where
         out = np.zeros(len(where) * columns)
-        done, room = 0, ROOM
-        while True:
-            done = point_batch(
-                self.pool, 0, 0, 0, make_work(room), asked, where, done, len(where), out
-            )
-            if done == len(where):
-                return out.reshape(-1, columns)
-            room = _enlarge(room)
+        counts = np.zeros(len(where), np.int64)
+        done, _used = ask_batch(
+            address(), asked, 0, self.pool, rays, 0, len(where), columns, out, counts, 0
+        )
+        if done < len(where):
+            raise EnvironmentFault(_CROWDED)
+        return out.reshape(-1, columns)
 
     def shoot(
         self,
@@ -552,18 +551,17 @@ class Model:
         limits = np.broadcast_to(np.array([t_min, t_max]), (n, 2))
         rays = np.ascontiguousarray(np.concatenate([o, d, limits], axis=1))
         counts, t = np.zeros(n, np.int64), np.empty(4 * n + 64)
-        done, used, room = 0, 0, ROOM
-        while True:
-            done, used = shoot_batch(
-                self.pool, 0, 0, 0, make_work(room), want, rays, done, n, t, counts, used
+        done, used, seen = 0, 0, -1
+        while done < n:
+            done, used = ask_batch(
+                address(), CROSSINGS, want, self.pool, rays, done, n, 0, t, counts, used
             )
-            if done == n:
-                return counts, t[:used]
-            if used > len(t) // 2:
-                t = np.concatenate([t, np.empty(len(t))])
-            else:
-                room = _enlarge(room)
-                t = np.concatenate([t, np.empty(room)])
+            if done < n:
+                if done == seen and len(t) - used > MOST:
+                    raise EnvironmentFault(_CROWDED)
+                seen = done
+                t = np.concatenate([t, np.empty(len(t) + MOST)])
+        return counts, t[:used]
 
     def intersect(
         self,
@@ -591,14 +589,7 @@ class Model:
         return hit
 
 
-ROOM = 1024
-"""Primitives whose support a ray may cross before its workspace is enlarged."""
-
-
-def _enlarge(room: int) -> int:
-    if room > 1 << 20:
-        raise EnvironmentFault("a ray crosses more than a million fields")
-    return 4 * room
+_CROWDED = f"a ray crosses more than {MOST} fields"
 
 
 def _shift_chains(chains: NDArray[np.int32], shift: int) -> None:

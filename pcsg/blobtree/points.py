@@ -20,10 +20,8 @@ from pcsg.blobtree.layout import (
     MET,
     PRIMITIVE,
     SLOTS,
-    Pool,
     Tables,
     Work,
-    find_tables,
     wide,
 )
 from pcsg.blobtree.skeletons import skeleton_ladder
@@ -35,7 +33,7 @@ FULL = -1
 MODEL_SLOTS = ("@red", "@green", "@blue", "@material", "@texture", "@texture_scale", "@label")
 """Attributes of primitives, in the order of a model's table; NaN where there is none."""
 
-COLOUR, BOUND, U, V, ATTRIBUTE_COLUMNS = 3, 7, 8, 9, 10
+COLOUR, LABEL, BOUND, U, V, ATTRIBUTE_COLUMNS = 3, 6, 7, 8, 9, 10
 """The first three are mixed; then come the share of bounds and surface coordinates."""
 
 skeleton_uv = skeleton_ladder("uv", "p c at", "(0.0, 0.0)")
@@ -145,46 +143,3 @@ def describe(m: Tables, work: Work, p: Vec3, out: NDArray[np.float64], at: int) 
     if coloured > 0.0:
         out[at], out[at + 1], out[at + 2] = red / coloured, green / coloured, blue / coloured
     return n
-
-
-FIELD, GRADIENT, ATTRIBUTES_ASKED = 0, 1, 2
-"""What `point_batch` is asked for: 1, 3 or `ATTRIBUTE_COLUMNS` numbers a point."""
-
-
-@njit(entry=True)
-def point_batch(
-    pool: Pool,
-    at_f: int,
-    at_s: int,
-    at_i: int,
-    work: Work,
-    asked: int,
-    points: NDArray[np.float64],
-    begin: int,
-    end: int,
-    out: NDArray[np.float64],
-) -> int:
-    """Answer for points [begin, end) of (N, 3) into ``out`` (N * columns).
-
-    Returns the number of the point that found no room in the workspace, or `end`.
-    """
-    m = find_tables(pool, at_f, at_s, at_i)
-    for k in range(begin, end):
-        p = Vec3(points[k, 0], points[k, 1], points[k, 2])
-        if asked == ATTRIBUTES_ASKED:
-            n = describe(m, work, p, out, ATTRIBUTE_COLUMNS * k)
-            if n == FULL:
-                return k
-            continue
-        for axis in range(1 if asked == FIELD else 3):
-            d = Vec3(
-                1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0
-            )
-            f, slope, n = value_at(m, work, p, d)
-            if n == FULL:
-                return k
-            if asked == FIELD:
-                out[k] = f
-            else:
-                out[3 * k + axis] = slope
-    return end

@@ -27,10 +27,8 @@ from pcsg.blobtree.layout import (
     ORDER,
     SIZE,
     STACK,
-    Pool,
     Tables,
     Work,
-    find_tables,
     wide,
 )
 from pcsg.jit import njit
@@ -157,6 +155,7 @@ def find_roots(
     enough: float,
     t: NDArray[np.float64],
     n: int,
+    limit: int,
 ) -> int:
     """Write the roots of a cluster on [begin, end] to ``t[n:]`` and return the new length.
 
@@ -243,7 +242,7 @@ def find_roots(
                 marks[4 * top + 2], marks[4 * top + 3] = at, active
                 top += 1
         if not math.isnan(root):
-            if n >= len(t):
+            if n >= limit:
                 return FULL
             t[n] = root
             n += 1
@@ -253,8 +252,10 @@ def find_roots(
 
 
 @njit(contract=True)
-def shoot(m: Tables, work: Work, ray: Ray, want: int, t: NDArray[np.float64], n: int) -> int:
-    """Write the crossings of a ray to ``t[n:]`` and return the new length, or `FULL`.
+def shoot(
+    m: Tables, work: Work, ray: Ray, want: int, t: NDArray[np.float64], n: int, limit: int
+) -> int:
+    """Write the crossings of a ray to ``t[n:limit]`` and return the new length, or `FULL`.
 
     For ALL every crossing of the line, else the first within [tmin, tmax].
     """
@@ -306,7 +307,7 @@ def shoot(m: Tables, work: Work, ray: Ray, want: int, t: NDArray[np.float64], n:
             value, _v, _d, _e = hull(m, work, LISTS * work.room, j - k, start, start)
             sign = 1 if value >= T else -1
         m0 = n
-        n = find_roots(m, work, j - k, start, min(stop, end), sign, stop > end, enough, t, n)
+        n = find_roots(m, work, j - k, start, min(stop, end), sign, stop > end, enough, t, n, limit)
         if n == FULL:
             return FULL
         for q in range(m0, n):
@@ -318,42 +319,3 @@ def shoot(m: Tables, work: Work, ray: Ray, want: int, t: NDArray[np.float64], n:
             n = m0
         k = j
     return n
-
-
-@njit(entry=True)
-def shoot_batch(
-    pool: Pool,
-    at_f: int,
-    at_s: int,
-    at_i: int,
-    work: Work,
-    want: int,
-    rays: NDArray[np.float64],
-    begin: int,
-    end: int,
-    t: NDArray[np.float64],
-    counts: NDArray[np.int64],
-    used: int,
-) -> tuple[int, int]:
-    """Trace rays [begin, end) of ``rays`` (N, 8) one after the other into ``t[used:]``.
-
-    Returns the number of the ray that found no room, or `end`; and how much of `t` is used.
-    """
-    m = find_tables(pool, at_f, at_s, at_i)
-    for k in range(begin, end):
-        ray = Ray(
-            rays[k, 0],
-            rays[k, 1],
-            rays[k, 2],
-            rays[k, 3],
-            rays[k, 4],
-            rays[k, 5],
-            rays[k, 6],
-            rays[k, 7],
-        )
-        n = shoot(m, work, ray, want, t, used)
-        if n == FULL:
-            return k, used
-        counts[k] = n - used
-        used = n
-    return end, used

@@ -64,7 +64,10 @@ def load_text(text: str, name: str = "<text>", *, include: Iterable[str | Path] 
 def check_file(
     path: str | Path, *, include: Iterable[str | Path] = ()
 ) -> tuple[Graph | None, list[Diagnostic]]:
-    """Read a grammar and return all errors and warnings; the graph if there are no errors."""
+    """Read a grammar and return all errors and warnings; the graph if there are no errors.
+
+    The file of an L-system stands for a grammar of one blob, the plant that it draws.
+    """
     with _collector_at_rest():
         return _check(preprocess_file(Path(path), include))
 
