@@ -116,7 +116,7 @@ def _check(text: Preprocessed) -> tuple[Graph | None, list[Diagnostic]]:
     problems += check_names(names)
     settings, found = build_settings(names)
     problems += found
-    root = lower(names)
+    root = lower(names, not any(p.severity == "error" for p in problems))
     graph = Graph(root, settings) if root else None
     if graph:
         problems += _check_graph(graph, names)
