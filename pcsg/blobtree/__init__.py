@@ -17,7 +17,7 @@ _HOMES = {
     "cone": "nodes",
     "contour": "contour",
     "controlled": "nodes",
-    "convolution": "nodes",
+    "convolution_segment": "nodes",
     "disc": "nodes",
     "gbb": "nodes",
     "intersect": "nodes",

@@ -9,7 +9,13 @@ from __future__ import annotations
 import math
 
 from pcsg.blobtree.blends import BLENDS, Array, blend_ladder
-from pcsg.blobtree.fields import bound_below, convex_hull, field_hull, slope_range
+from pcsg.blobtree.fields import (
+    bound_below,
+    convex_hull,
+    field_hull,
+    slope_range,
+    smooth_hull,
+)
 from pcsg.blobtree.layout import (
     ABOUT,
     ACCELERATION,
@@ -21,6 +27,7 @@ from pcsg.blobtree.layout import (
     DIRECTION,
     END,
     ENTER,
+    FALL,
     FRAMES,
     H_ACCELERATION,
     H_CONSTANT,
@@ -39,11 +46,13 @@ from pcsg.blobtree.layout import (
     ORIGIN,
     PARENT,
     PRIMITIVE,
+    RISE,
     ROW,
     SLIM,
     SLOT,
     SLOTS,
     SPEED,
+    STEEP,
     UP,
     WARP_CONSTANT,
     WARP_SPEED,
@@ -52,7 +61,7 @@ from pcsg.blobtree.layout import (
     Work,
     wide,
 )
-from pcsg.blobtree.skeletons import CONSTANTS, SKELETONS, skeleton_ladder
+from pcsg.blobtree.skeletons import CONSTANTS, DIRECT, SKELETONS, skeleton_ladder
 from pcsg.blobtree.warps import warp_ladder
 from pcsg.jit import njit
 from pcsg.vec import Vec3, load_affine, transform_point, transform_vector
@@ -143,7 +152,7 @@ def meet_slim(m: Tables, row: int, o: Vec3, d: Vec3, h: Array, at: int) -> bool:
 
 
 @njit(contract=True)
-def meet_full(m: Tables, row: int, o: Vec3, d: Vec3, h: Array, at: int) -> bool:
+def meet_full(m: Tables, row: int, direct: bool, o: Vec3, d: Vec3, h: Array, at: int) -> bool:
     """Prepare any other primitive for a ray; return whether it meets the support."""
     f = m.floats
     bent = f[row + CHAIN] >= 0.0
@@ -178,7 +187,20 @@ def meet_full(m: Tables, row: int, o: Vec3, d: Vec3, h: Array, at: int) -> bool:
         h[at + H_CONSTANT + k] = f[row + CONSTANT + k]
     h[at + ENTER], h[at + LEAVE] = t + t0, t + t1
     h[at + H_ROW] = row if bent else -1.0
+    if direct and not bent:
+        h[at + H_SPEED], h[at + H_ACCELERATION] = f[row + RISE] * speed2, f[row + FALL] * speed2
     return True
+
+
+@njit(contract=True)
+def weigh(
+    w: float, low: float, high: float, d_low: float, d_high: float
+) -> tuple[float, float, float, float]:
+    """Return w times the bounds of a positive field."""
+    low = max(low, 0.0)
+    if w < 0.0:
+        return w * high, w * low, w * d_high, w * d_low
+    return w * low, w * high, w * d_low, w * d_high
 
 
 @njit(contract=True)
@@ -191,8 +213,9 @@ def meet(m: Tables, work: Work, i: int, k: int, o: Vec3, d: Vec3) -> bool:
     work.ints[KINDS * work.room + k] = about & (SLIM - 1)
     if about & SLIM:
         return meet_slim(m, row, o, d, work.floats, MET * k)
-    met = meet_full(m, row, o, d, work.floats, MET * k)
-    if about & (SLIM - 1) == POLYGON:
+    kind = about & (SLIM - 1)
+    met = meet_full(m, row, kind >= DIRECT, o, d, work.floats, MET * k)
+    if kind == POLYGON:
         # Its corners are counted from where the model begins.
         work.floats[MET * k + H_CONSTANT + 1] += m.f
     return met
@@ -244,6 +267,8 @@ def warped_hull(
     for _ in range(2):
         ga, pa = gb, pb
         gb, pb, more, left = warped_distance(m, kind, h, at, t)
+        if a == b and kind >= DIRECT:
+            return weigh(w, gb, gb, pb, pb)
         if a == b:
             return field_hull(gb, gb, pb, pb, inverse, w)
         smooth, domain = min(smooth, more), min(domain, left)
@@ -251,8 +276,29 @@ def warped_hull(
     speed = h[at + H_SPEED]
     if domain <= span:
         # The curve may leave the domain: anything a lone primitive can be.
-        steep = 2.0 * speed * math.sqrt(inverse) * abs(w)
-        return min(w, 0.0), max(w, 0.0), -steep, steep
+        steep, most = 2.0 * speed * math.sqrt(inverse) * abs(w), w
+        if kind >= DIRECT:
+            # No field is greater than its slope allows within its reach.
+            steep = m.floats[int(h[at + H_ROW]) + STEEP]
+            most = w * steep / math.sqrt(inverse)
+            steep *= abs(w) * speed
+        return min(most, 0.0), max(most, 0.0), -steep, steep
+    if kind >= DIRECT:
+        row = int(h[at + H_ROW])
+        steep, bend = m.floats[row + STEEP], h[at + H_ACCELERATION]
+        f_low = 0.5 * (ga + gb - steep * speed * span)
+        f_high = 0.5 * (ga + gb + steep * speed * span)
+        d_low, d_high = -steep * speed, steep * speed
+        if smooth > span:
+            fall = m.floats[row + FALL] * speed * speed + steep * bend
+            rise = m.floats[row + RISE] * speed * speed + steep * bend
+            x, y, u, v = smooth_hull(ga, pa, gb, pb, span, fall, rise)
+            f_low, f_high = max(f_low, x), min(f_high, y)
+            d_low, d_high = max(d_low, u), min(d_high, v)
+        if begin > a or end < b:
+            f_low, f_high = min(f_low, 0.0), max(f_high, 0.0)
+            d_low, d_high = min(d_low, 0.0), max(d_high, 0.0)
+        return weigh(w, f_low, f_high, d_low, d_high)
     da, db = math.sqrt(ga), math.sqrt(gb)
     near = max(0.5 * (da + db - speed * span), 0.0)
     far = 0.5 * (da + db + speed * span)
@@ -297,9 +343,16 @@ def leaf_hull(
         p = Vec3(h[at] + s * d.x, h[at + 1] + s * d.y, h[at + 2] + s * d.z)
         ga, pa = g, slope
         g, slope = skeleton_distance(kind, p, d, h, at + H_CONSTANT, m.floats)
+        if a == b and kind >= DIRECT:
+            return weigh(w, g, g, slope, slope)
         if a == b:
             return field_hull(g, g, slope, slope, inverse, w)
         t = b
+    if kind >= DIRECT:
+        f_low, f_high, d_low, d_high = smooth_hull(
+            ga, pa, g, slope, b - a, h[at + H_ACCELERATION], h[at + H_SPEED]
+        )
+        return weigh(w, f_low, f_high, d_low, d_high)
     low, high, p_low, p_high = convex_hull(ga, pa, g, slope, b - a, h[at + H_SPEED])
     return field_hull(low, high, p_low, p_high, inverse, w)
 

@@ -39,6 +39,8 @@ def bound_below(va: float, da: float, db: float, h: float, m: float, k: float) -
         turn = min(max(h - db / k, x), h)
         at_x, at_turn = db - k * (h - x), db - k * (h - turn)
         least = min(least, falls + 0.5 * (at_turn * at_turn - at_x * at_x) / k)
+    else:
+        least = min(least, falls + db * (h - x))
     return va + least
 
 

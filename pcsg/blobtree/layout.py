@@ -49,7 +49,10 @@ SLIM_ROW = 8
 # support, in the local frame or, with warps, in the model's; weight, 1 / reach2, chain of warps or
 # -1, greatest speed and acceleration, the skeleton's constants.
 MATRIX, BOX, WEIGHT, INVERSE, CHAIN, SPEED, ACCELERATION, CONSTANT = 0, 12, 18, 19, 20, 21, 22, 23
-FULL_ROW = 28
+FULL_ROW = 31
+
+FALL, RISE, STEEP = 28, 29, 30
+"""Of a field that is no distance's: bounds of its second derivative, and its greatest slope."""
 
 # A warp of a chain, in float64: the map into its frame, its numbers, the greatest speed before it.
 WARP_CONSTANT, WARP_SPEED, WARP_ROW = 12, 16, 17
@@ -115,7 +118,6 @@ STACK = 512
 # Places in the workspace, in units of the room. Values and their slots have the same number, and
 # begin with a cell of the bounds' share.
 KINDS, ORDER, FRAMES, SLOTS, LISTS = 1, 2, 3, 5, 6
-LISTS_LENGTH = 12
 
 
 class Work(NamedTuple):
@@ -138,3 +140,9 @@ class Work(NamedTuple):
     intervals: NDArray[np.float64]
     marks: NDArray[np.int64]
     room: int
+
+
+@njit
+def list_length(room: int) -> int:
+    """Return the length of all lists that wait: few primitives are listed on many levels."""
+    return 12 * room + 96 * min(room, 128)

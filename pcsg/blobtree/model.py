@@ -282,7 +282,7 @@ class Flattener:
         constants = skeleton.constants(args, self.floats)
         full = [
             *local.ravel(), *kept[0], *kept[1], at.weight, 1.0 / reach**2, chain, speed,
-            acceleration, *constants,
+            acceleration, *constants, *skeleton.curvature(args),
         ]  # fmt: skip
         about = skeleton.kind + ATTRIBUTES * at.attributes
         self._add([full], about, at, box[0][None], box[1][None], np.zeros((1, 2), np.float32))

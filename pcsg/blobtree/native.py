@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from pcsg.blobtree.fields import T
 from pcsg.blobtree.layout import (
     LISTS,
-    LISTS_LENGTH,
     MET,
     SIZE,
     STACK,
@@ -33,6 +32,7 @@ from pcsg.blobtree.layout import (
     Tables,
     Work,
     find_tables,
+    list_length,
 )
 from pcsg.blobtree.points import describe, gradient_at, value_at
 from pcsg.blobtree.trace import ALL, FULL, shoot
@@ -173,7 +173,7 @@ def answer(
     room = min(m.primitive_count // 4 * 4 + 8, MOST)
     work = Work(
         reserve_floats((MET + 4) * room + 8),
-        reserve_ints((LISTS + LISTS_LENGTH) * room),
+        reserve_ints(LISTS * room + list_length(room)),
         reserve_floats(2 * STACK),
         reserve_ints(4 * STACK),
         room,

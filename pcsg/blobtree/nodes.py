@@ -331,7 +331,7 @@ def label(number: int, child: Field) -> Field:
     return Painted({"@label": float(number)}, child=child)
 
 
-def convolution(l: float, ra: float, rb: float, kernel: str = "quartic") -> Field:  # noqa: E741
+def convolution_segment(l: float, ra: float, rb: float, kernel: str = "quartic") -> Field:  # noqa: E741
     """Return a convolution segment from the origin to z = l, of about radius ra to rb."""
     return primitive(kernel, l, ra, rb)
 

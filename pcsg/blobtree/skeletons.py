@@ -21,7 +21,13 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.blobtree.fields import REACH
+from pcsg.blobtree.convolution import (
+    cauchy_segment,
+    cauchy_weight,
+    quartic_segment,
+    quartic_weight,
+)
+from pcsg.blobtree.fields import REACH, T
 from pcsg.errors import UsageError
 from pcsg.jit import build_ladder, njit
 from pcsg.vec import Vec3
@@ -80,6 +86,15 @@ class Skeleton:
     def constants(cls, args: Sequence[float], extra: list[float]) -> list[float]:
         """Return what the kernel reads; more goes to the end of `extra`."""
         return cone_constants(*cls.slim_row(args))
+
+    @classmethod
+    def curvature(cls, args: Sequence[float]) -> tuple[float, float, float]:
+        """Return bounds of a direct field along a line.
+
+        Its second derivative lies between minus the first and the second; its slope is at most
+        the third.
+        """
+        return 0.0, 0.0, 0.0
 
     @staticmethod
     def distance(p: Vec3, d: Vec3, c: Array, at: int, pool: Array) -> tuple[float, float]:
@@ -330,6 +345,105 @@ class Polygon(Skeleton):
     @staticmethod
     def uv(p: Vec3, c: Array, at: int) -> tuple[float, float]:
         return p.x, p.y
+
+
+class Convolution(Skeleton):
+    """A segment whose field is an integral: ``distance`` returns the field and its slope itself.
+
+    Radii are those of endless segments of these weights; a short one, and its ends, are thinner.
+    """
+
+    parameters = ("l", "ra", "rb")
+    slim = False
+
+    @classmethod
+    def check(cls, args: Sequence[float]) -> None:
+        super().check(args)
+        if not args[0] > 0.0:
+            raise UsageError(f"{cls.name}: l must be > 0, is {args[0]:g}")
+
+    @classmethod
+    def extent(cls, args: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, args[0])
+
+
+@skeleton
+class Quartic(Convolution):
+    """``convolution(l, ra, rb)``: from the origin to z = l under the kernel (1 - r2/R2)2.
+
+    R is twice the larger radius; see `convolution`.
+    """
+
+    @classmethod
+    def reach(cls, args: Sequence[float]) -> float:
+        return 2.0 * max(args[1], args[2])
+
+    @classmethod
+    def constants(cls, args: Sequence[float], extra: list[float]) -> list[float]:
+        reach = cls.reach(args)
+        wa, wb = (quartic_weight(d, reach, T) for d in args[1:])
+        return [args[0], wa, wb, reach, 0.0]
+
+    @classmethod
+    def curvature(cls, args: Sequence[float]) -> tuple[float, float, float]:
+        length, wa, wb, reach, _ = cls.constants(args, [])
+        whole = max(wa, wb) * min(length, 2.0 * reach)
+        # Of the kernel along a line: its second derivative and its slope.
+        return 4.0 * whole / reach**2, 8.0 * whole / reach**2, 1.54 * whole / reach
+
+    @staticmethod
+    def distance(p: Vec3, d: Vec3, c: Array, at: int, pool: Array) -> tuple[float, float]:
+        h2 = p.x * p.x + p.y * p.y
+        f, fx, fh = quartic_segment(p.z, h2, c[at], c[at + 1], c[at + 2], c[at + 3])
+        return f, fx * d.z + 2.0 * fh * (p.x * d.x + p.y * d.y)
+
+
+@skeleton
+class Cauchy(Convolution):
+    """The same under the Cauchy kernel, which a window ends between five and six radii away."""
+
+    @classmethod
+    def reach(cls, args: Sequence[float]) -> float:
+        return 6.0 * max(args[1], args[2])
+
+    @classmethod
+    def constants(cls, args: Sequence[float], extra: list[float]) -> list[float]:
+        s = 1.0 / max(args[1], args[2])
+        wa, wb = (cauchy_weight(d, s, T) for d in args[1:])
+        return [args[0], wa, wb, s, 0.0]
+
+    @classmethod
+    def curvature(cls, args: Sequence[float]) -> tuple[float, float, float]:
+        length, wa, wb, s, _ = cls.constants(args, [])
+        w = max(wa, wb)
+        # Integrals of the kernel's derivatives along the segment, and 0.2 for the window's.
+        return (
+            w * (min(4.0 * s * s * length, 4.72 * s) + 0.2 * s),
+            w * (min(2.54 * s * s * length, 28.3 * s) + 0.2 * s),
+            w * (min(1.15 * s * length, 4.0) + 0.1),
+        )
+
+    @staticmethod
+    def distance(p: Vec3, d: Vec3, c: Array, at: int, pool: Array) -> tuple[float, float]:
+        length, s = c[at], c[at + 3]
+        h2, rd = p.x * p.x + p.y * p.y, p.x * d.x + p.y * d.y
+        z = p.z if p.z < 0.0 else max(p.z - length, 0.0)
+        away = math.sqrt(h2 + z * z)
+        u = away * s - 5.0
+        if u >= 1.0:
+            return 0.0, 0.0
+        f, fx, fh = cauchy_segment(p.z, h2, length, c[at + 1], c[at + 2], s)
+        slope = fx * d.z + 2.0 * fh * rd
+        if u <= 0.0:
+            return f, slope
+        # 1 - (6 u5 - 15 u4 + 10 u3): twice continuously differentiable.
+        window = 1.0 - u * u * u * (u * (6.0 * u - 15.0) + 10.0)
+        change = -30.0 * u * u * (1.0 - u) * (1.0 - u) * s * (rd + z * d.z) / away
+        return f * window, slope * window + f * change
+
+
+DIRECT = Quartic.kind
+"""Primitives of this kind and later ones have a field, not a distance."""
 
 
 def skeleton_ladder(method: str, arguments: str, default: str) -> Callable[..., Any]:

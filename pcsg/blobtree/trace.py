@@ -22,7 +22,6 @@ from pcsg.blobtree.layout import (
     LEAF_BITS,
     LEAVE,
     LISTS,
-    LISTS_LENGTH,
     MET,
     ORDER,
     SIZE,
@@ -174,7 +173,7 @@ def find_roots(
     intervals, marks = work.intervals, work.marks
     size = m.floats[m.f + SIZE]
     least, eps = 1e-10 * size, 1e-14 * size
-    room = (LISTS + LISTS_LENGTH) * work.room
+    room = len(ints)
     last = -1
     if clipped:
         f, _f, _d, _e = hull(m, work, LISTS * work.room, count, end, end)

@@ -369,7 +369,7 @@ def make_primitive(name: str, numbers: Sequence[float]) -> Field:
     """Return a primitive of a field."""
     if name == "convolution":
         length, ra, rb = numbers
-        return nodes.convolution(length, ra, rb)
+        return nodes.convolution_segment(length, ra, rb)
     return nodes.primitive(name, *numbers)
 
 

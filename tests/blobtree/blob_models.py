@@ -33,7 +33,7 @@ def random_primitive(rng: Rng, kind: str) -> Field:
             return b.box(*rng.uniform(0.05, 0.5, 3), 0.6 * r)
         case "polygon":
             return b.polygon(0.6 * np.array(CONVEX), 0.5 * r)
-    return b.convolution(length, *rng.uniform(0.1, 0.4, 2), kernel=kind)
+    return b.convolution_segment(length, *rng.uniform(0.1, 0.4, 2), kernel=kind)
 
 
 def random_map(rng: Rng, spread: float) -> np.ndarray:

@@ -79,7 +79,42 @@ def primitive_value(node: Primitive, p: np.ndarray) -> np.ndarray:
     if name == "polygon":
         flat = distance_to_polygon(p[:, :2], np.reshape(args[:-1], (-1, 2)))
         return wyvill(np.hypot(flat, p[:, 2]), RATIO * args[-1])
+    if name in ("quartic", "cauchy"):
+        return convolution_value(name, args, p)
     raise NotImplementedError(name)
+
+
+def convolution_value(name: str, args: tuple[float, ...], p: np.ndarray) -> np.ndarray:
+    """The integral along the segment, by Gauss's rule on pieces."""
+    length, ra, rb = args
+    thick = max(ra, rb)
+    z, h2 = p[:, 2], p[:, 0] ** 2 + p[:, 1] ** 2
+    if name == "quartic":
+        reach = 2.0 * thick
+        wa, wb = (T / (16 / 15 * (reach**2 - d**2) ** 2.5 / reach**4) for d in (ra, rb))
+        c = np.sqrt(np.maximum(reach**2 - h2, 0.0))
+        ends, pieces = (np.clip(z - c, 0.0, length), np.clip(z + c, 0.0, length)), 1
+    else:
+        wa, wb = (T / (math.pi * thick / 2 / (1 + (d / thick) ** 2) ** 1.5) for d in (ra, rb))
+        ends, pieces = (np.zeros(len(p)), np.full(len(p), length)), 24
+    nodes, weights = np.polynomial.legendre.leggauss(10)
+    out = np.zeros(len(p))
+    for k in range(pieces):
+        a = ends[0] + (ends[1] - ends[0]) * k / pieces
+        b = ends[0] + (ends[1] - ends[0]) * (k + 1) / pieces
+        for node, weight in zip(nodes, weights, strict=True):
+            s = 0.5 * (a + b) + 0.5 * (b - a) * node
+            r2 = h2 + (z - s) ** 2
+            if name == "quartic":
+                kernel = np.maximum(1.0 - r2 / (2.0 * thick) ** 2, 0.0) ** 2
+            else:
+                kernel = 1.0 / (1.0 + r2 / thick**2) ** 2
+            out += 0.5 * (b - a) * weight * (wa + (wb - wa) * s / length) * kernel
+    if name == "cauchy":
+        away = distance_to_segment(p, np.zeros(3), np.array([0.0, 0.0, length])) / thick
+        u = np.clip(away - 5.0, 0.0, 1.0)
+        out *= 1.0 - (6.0 * u**5 - 15.0 * u**4 + 10.0 * u**3)
+    return out
 
 
 def swelling(x: np.ndarray, w: float, a0: float) -> np.ndarray:
