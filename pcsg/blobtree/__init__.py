@@ -15,7 +15,7 @@ _HOMES = {
     "box": "nodes",
     "color": "nodes",
     "cone": "nodes",
-    "contour": "contour",
+    "contour": "meshing",
     "controlled": "nodes",
     "convolution_segment": "nodes",
     "disc": "nodes",

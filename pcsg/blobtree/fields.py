@@ -34,13 +34,10 @@ def bound_below(va: float, da: float, db: float, h: float, m: float, k: float) -
     x = min(max((da - db + k * h) / (m + k), 0.0), h)
     falls = da * x - 0.5 * m * x * x
     least = min(0.0, falls)
-    if k > 0.0:
-        # From x on the slope is at least db - k (h - s), which passes zero at h - db / k.
-        turn = min(max(h - db / k, x), h)
-        at_x, at_turn = db - k * (h - x), db - k * (h - turn)
-        least = min(least, falls + 0.5 * (at_turn * at_turn - at_x * at_x) / k)
-    else:
-        least = min(least, falls + db * (h - x))
+    # From x on the slope is at least db - k (h - s), which passes zero at h - db / k.
+    turn = min(max(h - db / k, x), h) if k > 0.0 else h
+    at_x, at_turn = db - k * (h - x), db - k * (h - turn)
+    least = min(least, falls + 0.5 * (at_x + at_turn) * (turn - x))
     return va + least
 
 

@@ -150,7 +150,8 @@ def test_the_share_of_a_bound_is_an_attribute() -> None:
     model = Model(b.gbb(bound, b.pcm(*PAIR), b.total(*PAIR)))
     points = POINTS[:200]
     found = model.attributes(points)["bound"]
-    np.testing.assert_allclose(found, Model(bound).field(points), atol=1e-12)
+    wood = Model(b.total(*PAIR)).field(points) > 0.0
+    np.testing.assert_allclose(found[wood], Model(bound).field(points)[wood], atol=1e-12)
 
 
 @given(
