@@ -11,8 +11,8 @@ from pcsg.blobtree.model import Model
 from pcsg.blobtree.nodes import Field
 from pcsg.errors import UsageError
 
-RAYS = 14
-"""Rays of each model; the benchmark of the same name casts ten thousand in all."""
+RAYS = 8
+"""Rays of each model; more of them with another number here."""
 
 
 def some_model(kinds: tuple[str, ...], seed: int) -> tuple[Field, Model]:
