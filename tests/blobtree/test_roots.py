@@ -11,7 +11,7 @@ from pcsg.blobtree.model import Model
 from pcsg.blobtree.nodes import Field
 from pcsg.errors import UsageError
 
-RAYS = 8
+RAYS = 5
 """Rays of each model; more of them with another number here."""
 
 
