@@ -9,7 +9,7 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import detail, mesh, operations, pictures, rays, trees
+from benchmarks import blobs, detail, mesh, operations, pictures, rays, trees
 from benchmarks.report import Effort, Subject, describe_machine, lines_of
 
 SUBJECTS: tuple[Subject, ...] = (
@@ -28,6 +28,7 @@ SUBJECTS: tuple[Subject, ...] = (
     detail.DETAIL,
     pictures.PICTURES,
     pictures.STARTUP,
+    blobs.BLOBS,
 )
 RESULTS = Path(__file__).parent / "RESULTS.md"
 

@@ -101,6 +101,15 @@ CATALOGUE: dict[str, Mistake] = {
             "Only primitives and modules in the attributed form take arguments; other modules "
             "read parameters, which a block assigns.",
         ),
+        Mistake(
+            "outside-blob", _N, "Sums and other operators on fields stand in `blob { ... }` only."
+        ),
+        Mistake(
+            "not-a-field",
+            _N,
+            "In `blob { ... }` stand fields: `point`, `segment`, `cone`, `disc`, `box`, "
+            "`convolution`, and modules and definitions that are made of them.",
+        ),
         Mistake("duplicate-name", _N, "Modules and definitions share one name space."),
         Mistake("duplicate-rule", _N, "A module has one rule of each number; labels are unique."),
         Mistake("missing-rule", _N, "The rules of a module are numbered 1, 2, 3... without a gap."),

@@ -31,6 +31,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 # numba's own types leave out options.
 _config: Any = numba.config
 _numba_njit: Any = numba.njit
+_numba_cfunc: Any = numba.cfunc
 _unliteral: Any = numba.core.types.unliteral
 
 
@@ -164,6 +165,16 @@ def njit(
             return _numba_njit(nogil=True, cache=True, **options)(plain)
 
     return compile_lazily if function is None else compile_lazily(function)
+
+
+def cached_function(signature: Any, function: Callable[..., Any]) -> Any:
+    """Return a function compiled for C, cached on disk; ``.address`` is where it is.
+
+    Kernels may call it through its address, so that they need not be compiled with it.
+    """
+    options = {"error_model": "numpy", "_nrt": False, "fastmath": {"contract"}}
+    with _cache_in(cache_folder(fingerprint(function))):
+        return _numba_cfunc(signature, cache=True, **options)(function)
 
 
 @cache

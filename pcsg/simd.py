@@ -123,7 +123,7 @@ def _local_array(typing: Any, kind: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         item = context.get_data_type(kind)
-        data = cgutils.alloca_once(builder, item, size=LOCAL)  # type: ignore[no-untyped-call]
+        data = cgutils.alloca_once(builder, item, size=LOCAL)
         made = context.make_array(array)(context, builder)
         size = context.get_constant(types.intp, LOCAL)
         width = context.get_constant(types.intp, context.get_abi_sizeof(item))

@@ -64,7 +64,10 @@ def load_text(text: str, name: str = "<text>", *, include: Iterable[str | Path] 
 def check_file(
     path: str | Path, *, include: Iterable[str | Path] = ()
 ) -> tuple[Graph | None, list[Diagnostic]]:
-    """Read a grammar and return all errors and warnings; the graph if there are no errors."""
+    """Read a grammar and return all errors and warnings; the graph if there are no errors.
+
+    The file of an L-system stands for a grammar of one blob, the plant that it draws.
+    """
     with _collector_at_rest():
         return _check(preprocess_file(Path(path), include))
 
@@ -113,7 +116,7 @@ def _check(text: Preprocessed) -> tuple[Graph | None, list[Diagnostic]]:
     problems += check_names(names)
     settings, found = build_settings(names)
     problems += found
-    root = lower(names)
+    root = lower(names, not any(p.severity == "error" for p in problems))
     graph = Graph(root, settings) if root else None
     if graph:
         problems += _check_graph(graph, names)

@@ -8,11 +8,13 @@ from pathlib import Path
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, SourceSpan, UsageError, suggest
 from pcsg.grammar import syntax
+from pcsg.grammar.fields import FIELD_BLENDS, FIELD_PRIMITIVES, FIELD_UNARY, field_names
 from pcsg.grammar.names import Names
 from pcsg.grammar.syntax import Arguments, Solid
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.expr import Apply, Expr, Parameter, operands, postorder
 from pcsg.graph.functions import FUNCTIONS, Form
+from pcsg.graph.operators import SUM
 from pcsg.graph.settings import SETTINGS
 from pcsg.graph.transforms import TRANSFORMS
 from pcsg.leaf import LEAF_NAMES
@@ -24,7 +26,7 @@ MAX_ARGUMENTS = 1000
 CALLABLE = tuple(n for n in FUNCTIONS if n.isidentifier() and n not in ("and", "or", "not", "neg"))
 """Names of the functions that are written with parentheses."""
 
-Part = syntax.Use | syntax.Primitive | syntax.Unary | syntax.Block
+Part = syntax.Use | syntax.Primitive | syntax.Unary | syntax.Block | syntax.BlendUse
 
 
 def parts_of(solid: Solid | None) -> Iterator[Part]:
@@ -37,7 +39,11 @@ def parts_of(solid: Solid | None) -> Iterator[Part]:
         elif isinstance(item, syntax.Prefixed):
             stack.append(item.operand)
             stack.extend(reversed(item.prefixes))
+        elif isinstance(item, syntax.Blob):
+            stack.extend(item.fields)
         else:
+            if isinstance(item, syntax.BlendUse):
+                stack.extend(reversed(item.fields))
             yield item
 
 
@@ -55,14 +61,116 @@ def check_names(names: Names) -> list[Diagnostic]:
     """Check all expressions of the files against the tables and the registries."""
     problems: list[Diagnostic] = []
     materials = _setting_names(names)
-    for body in bodies_of(names):
-        for part in parts_of(body):
+    fields = field_names(names)
+    for body, of_fields in _bodies_with_meaning(names, fields):
+        problems += check_meaning(body, of_fields)
+        for part, in_blob in _parts_with_meaning(body, of_fields):
+            if in_blob:
+                problems += check_field(part, names, fields)
+                if isinstance(part, (syntax.Use, syntax.Primitive, syntax.BlendUse)):
+                    continue
+                if isinstance(part, syntax.Unary) and part.name in FIELD_UNARY:
+                    continue
             problems += _check_part(part, names, materials)
     for entry in names.modules.values():
         selections = [entry.declaration.select] if entry.declaration else []
         conditions = [r.condition for r in entry.attributed if r.condition is not None]
         problems += check_numbers([*selections, *conditions])
     return [*problems, *_definition_cycles(names)]
+
+
+def _bodies_with_meaning(names: Names, fields: set[str]) -> Iterator[tuple[Solid | None, bool]]:
+    """Yield every expression, and whether it is one of fields."""
+    if names.axiom:
+        yield names.axiom.solid, False
+    for entry in names.modules.values():
+        yield from ((rule.solid, entry.name in fields) for rule in entry.rules.values())
+        yield from ((rule.solid, entry.name in fields) for rule in entry.attributed)
+    for name, definition in names.definitions.items():
+        yield definition.solid, name in fields
+
+
+def _parts_with_meaning(solid: Solid | None, of_fields: bool) -> Iterator[tuple[Part, bool]]:
+    """Yield the parts of an expression, and whether they stand in a blob."""
+    stack: list[tuple[Solid | Part, bool]] = [(solid, of_fields)] if solid is not None else []
+    while stack:
+        item, inside = stack.pop()
+        if isinstance(item, syntax.Combination):
+            stack.extend((o, inside) for o in reversed(item.operands))
+        elif isinstance(item, syntax.Prefixed):
+            stack.append((item.operand, inside))
+            stack.extend((p, inside) for p in reversed(item.prefixes))
+        elif isinstance(item, syntax.Blob):
+            stack.extend((f, True) for f in item.fields)
+        else:
+            if isinstance(item, syntax.BlendUse):
+                stack.extend((f, inside) for f in reversed(item.fields))
+            yield item, inside
+
+
+def check_meaning(body: Solid | None, of_fields: bool) -> list[Diagnostic]:
+    """Report what stands in blobs only and does not, and blobs in blobs."""
+    problems: list[Diagnostic] = []
+    stack: list[tuple[Solid, bool]] = [(body, of_fields)] if body is not None else []
+    while stack:
+        item, inside = stack.pop()
+        if isinstance(item, syntax.Combination):
+            if item.operator is SUM and not inside:
+                message = "`+` combines fields, in a blob"
+                hint = "write `|` for the union, or put it into `blob { ... }`"
+                problems.append(diagnose("outside-blob", message, item.span, hint=hint))
+            stack.extend((o, inside) for o in reversed(item.operands))
+        elif isinstance(item, syntax.Prefixed):
+            stack.append((item.operand, inside))
+        elif isinstance(item, syntax.BlendUse):
+            if not inside:
+                message = f"`{item.name}` combines fields, in a blob"
+                hint = "put it into `blob { ... }`"
+                problems.append(diagnose("outside-blob", message, item.span, hint=hint))
+            stack.extend((f, inside) for f in reversed(item.fields))
+        elif isinstance(item, syntax.Blob):
+            if inside:
+                message = "a blob cannot stand in a blob"
+                problems.append(diagnose("not-a-field", message, item.span))
+            stack.extend((f, True) for f in item.fields)
+    return problems
+
+
+def check_field(part: Part, names: Names, fields: set[str]) -> list[Diagnostic]:
+    """Check what stands in a blob."""
+    if isinstance(part, syntax.BlendUse):
+        least, most = FIELD_BLENDS[part.name]
+        given = len(part.arguments.values)
+        problems = check_numbers(part.arguments.values)
+        problems += _check_count(part.name, given, least, most, part.span)
+        if part.name == "gbb" and len(part.fields) != 3:
+            usage = "`gbb { bound } { a } { b }`"
+            message = f"`gbb` takes 3 fields, not {len(part.fields)}"
+            problems.append(diagnose("wrong-arguments", message, part.span, expected=usage))
+        return problems
+    if isinstance(part, syntax.Unary) and part.name in FIELD_UNARY:
+        least, most = FIELD_UNARY[part.name]
+        given = len(part.arguments.values)
+        return check_numbers(part.arguments.values) + _check_count(
+            part.name, given, least, most, part.span
+        )
+    if isinstance(part, syntax.Use) and (
+        part.name in names.modules or part.name in names.definitions
+    ):
+        return (check_numbers(part.arguments.values) if part.arguments else []) + _check_use(
+            part, names
+        )
+    if isinstance(part, (syntax.Use, syntax.Primitive)):
+        count = FIELD_PRIMITIVES.get(part.name)
+        if count is None:
+            known = [*FIELD_PRIMITIVES, *names.modules, *names.definitions]
+            message = f"`{part.name}` is not a field"
+            expected = "one of " + ", ".join(f"`{n}`" for n in FIELD_PRIMITIVES)
+            hint = suggest(part.name, known)
+            return [diagnose("not-a-field", message, part.span, expected=expected, hint=hint)]
+        values = part.arguments.values if part.arguments else ()
+        return check_numbers(values) + _check_count(part.name, len(values), count, count, part.span)
+    return []
 
 
 def check_numbers(exprs: Iterable[Expr]) -> list[Diagnostic]:
@@ -141,6 +249,8 @@ def _check_part(
         return [*problems, *_check_use(part, names)]
     if isinstance(part, syntax.Primitive):
         return [*problems, *_check_primitive(part, names)]
+    if isinstance(part, syntax.BlendUse):
+        return problems
     if part.attribute:
         return [*problems, *_check_attribute(part, names, setting_names)]
     return [*problems, *_check_transformation(part)]

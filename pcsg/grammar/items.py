@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic
+from pcsg.grammar.fields import FIELD_BLENDS, FIELD_UNARY
 from pcsg.grammar.tokens import WORD_TYPES, Token
 from pcsg.graph.functions import FUNCTIONS
 from pcsg.graph.settings import SETTINGS
@@ -39,21 +40,63 @@ class RawItem:
     problem: Diagnostic | None = None
 
 
-_OPERAND_STARTS = frozenset({"NAME", "PRIMITIVE", "TRANSFORM", "MIRROR", "ATTRIBUTE", "LBRACE"})
+_OPERAND_STARTS = frozenset(
+    {"BLOB", "NAME", "PRIMITIVE", "TRANSFORM", "MIRROR", "ATTRIBUTE", "LBRACE"}
+)
 _NAMES = _OPERAND_STARTS - {"LBRACE"}
 _APPLIES_TO = _OPERAND_STARTS | {"LPAREN"}
-_CAN_BEGIN = WORD_TYPES | {"NUMBER", "LBRACE", "LPAREN"}
+_CAN_BEGIN = WORD_TYPES | {"BLOB", "NUMBER", "LBRACE", "LPAREN"}
 _SELECTION_STARTS = frozenset({"NUMBER", "NAME", "LPAREN", "NOT", "CONSTANT"})
 # Types after which an expression for a solid, or a number, can be complete.
 _ENDS_SOLID = frozenset({"NAME", "PRIMITIVE"})
 _ENDS_NUMBER = frozenset({"NAME", "NUMBER", "CONSTANT"})
-_OPENS = {"LPAREN": "(", "LBRACE": "{"}
-_CLOSES = {"RPAREN": "(", "RBRACE": "{"}
+_OPENS = {"LPAREN": "(", "LBRACE": "{", "FOPEN": "{ "}
+_CLOSES = {"RPAREN": "(", "RBRACE": "{", "FCLOSE": "{ "}
 
 
 def cut_items(tokens: Sequence[Token]) -> list[RawItem]:
     """Cut the tokens of one file into items; see the module for how."""
+    mark_fields(tokens)
     return _Cutter(tokens).cut()
+
+
+def mark_fields(tokens: Sequence[Token]) -> None:
+    """Give the words and braces of fields their types, which depend on what stands behind them.
+
+    A blob is `blob` before a brace; an operator on fields is a name before braces, with numbers
+    between perhaps; a unary one is a name before numbers and an operand. Elsewhere these are
+    ordinary names.
+    """
+    partner: dict[int, int] = {}
+    stack: list[int] = []
+    for i, token in enumerate(tokens):
+        if token.type in _OPENS:
+            stack.append(i)
+        elif token.type in _CLOSES and stack:
+            partner[stack.pop()] = i
+    for i, token in enumerate(tokens):
+        following = tokens[i + 1].type if i + 1 < len(tokens) else ""
+        behind = i + 1
+        if following == "LPAREN":
+            behind = partner.get(i + 1, len(tokens)) + 1
+        after = tokens[behind] if behind < len(tokens) else None
+        if token.type == "PRIMITIVE" and token.text == "blob" and following == "LBRACE":
+            token.type = "BLOB"
+            _mark_braces(tokens, i + 1, partner)
+        elif token.type == "NAME" and token.text in FIELD_BLENDS and after is not None:
+            while behind in partner and tokens[behind].type == "LBRACE":
+                token.type = "BLEND"
+                _mark_braces(tokens, behind, partner)
+                behind = partner[behind] + 1
+        elif token.type == "NAME" and token.text in FIELD_UNARY and following == "LPAREN":
+            applies = after is not None and after.type in _APPLIES_TO
+            token.type = "TRANSFORM" if applies else token.type
+
+
+def _mark_braces(tokens: Sequence[Token], opens: int, partner: dict[int, int]) -> None:
+    if opens in partner:
+        tokens[opens].type = "FOPEN"
+        tokens[partner[opens]].type = "FCLOSE"
 
 
 class _Cutter:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from pcsg.grammar import syntax
 from pcsg.grammar.check import definition_order, read_constants
+from pcsg.grammar.fields import GrammarBlob, field_names
 from pcsg.grammar.names import ModuleEntry, Names
 from pcsg.grammar.syntax import Solid
 from pcsg.graph.attributes import ATTRIBUTES
@@ -25,29 +26,44 @@ from pcsg.graph.transforms import TRANSFORMS
 from pcsg.leaf import LEAF_NAMES
 
 
-def lower(names: Names) -> Node | None:
+def lower(names: Names, sound: bool = True) -> Node | None:
     """Return the axiom's node, None without an axiom.
 
     What was reported as wrong is left out or replaced by the empty solid, so that the whole graph
     can be checked all the same.
+
+    Parameters
+    ----------
+    sound
+        Whether all names are in order, so that blobs can be unrolled.
     """
     if names.axiom is None:
         return None
-    lowering = _Lowering(names)
+    lowering = _Lowering(names, sound)
     return lowering.solid(names.axiom.solid)
 
 
 class _Lowering:
     """Nodes by name: one selection for each module, one node for each definition."""
 
-    def __init__(self, names: Names) -> None:
+    def __init__(self, names: Names, sound: bool) -> None:
         self.names = names
+        self.sound = sound
+        self.numbers: dict[str, dict[str, int]] = {}
+        for item in names.settings:
+            if item.name is not None:
+                of_kind = self.numbers.setdefault(item.kind.text, {})
+                of_kind.setdefault(item.name.text, len(of_kind))
         self.nodes: dict[str, Node] = {}
-        for entry in names.modules.values():
+        # What blobs are made of is unrolled into them.
+        fields = field_names(names)
+        solids = [e for e in names.modules.values() if e.name not in fields]
+        for entry in solids:
             self.nodes[entry.name] = _selection(entry)
         for name in definition_order(names)[0]:
-            self._define(name)
-        for entry in names.modules.values():
+            if name not in fields:
+                self._define(name)
+        for entry in solids:
             selection = self.nodes[entry.name]
             if isinstance(selection, Selection):
                 self._fill(selection, entry)
@@ -97,6 +113,10 @@ class _Lowering:
                     done.append(_apply(solid.prefixes, done.pop()))
             elif isinstance(solid, syntax.Primitive):
                 done.append(self._leaf(solid))
+            elif isinstance(solid, syntax.Blob):
+                done.append(self._blob(solid))
+            elif isinstance(solid, syntax.BlendUse):
+                done.append(_placeholder())  # reported: it stands in blobs only
             else:
                 done.append(self._use(solid))
         return done[0]
@@ -112,6 +132,13 @@ class _Lowering:
         values = [*use.arguments.values, *[Number(0.0)] * len(formals)]
         pairs = tuple(zip(formals, values, strict=False))
         return Calculation(pairs, node, call=True, span=use.span)
+
+    def _blob(self, blob: syntax.Blob) -> Node:
+        if self.names.broken or not self.sound:
+            return _placeholder()
+        source = GrammarBlob(self.names, blob.fields[0], self.numbers)
+        values = [Parameter(name, blob.span) for name in source.parameters]
+        return make_leaf(LEAF_NAMES["blob"], values, blob.span, (source,))
 
     def _leaf(self, primitive: syntax.Primitive) -> Node:
         solid = LEAF_NAMES[primitive.name]

@@ -247,6 +247,28 @@ class _Builder(Transformer[Any, Any]):
         quoted = tuple(syntax.Text(t.text[1:-1], t.span) for t in texts)
         return syntax.Primitive(word.text, numbers, span, quoted)
 
+    # Fields.
+
+    def blob(self, c: Items) -> syntax.Blob:
+        return syntax.Blob((combine_solids(c[2]),), join(c[0].span, c[3].span))
+
+    def braces(self, c: Items) -> tuple[Items, Token]:
+        return c[1], c[2]
+
+    def more_braces(self, c: Items) -> tuple[Items, Token]:
+        (fields, _), _, more, end = c
+        return [*fields, *more], end
+
+    def blend(self, c: Items) -> syntax.BlendUse:
+        word, (fields, end) = c
+        solids = tuple(combine_solids(f) for f in fields)
+        return syntax.BlendUse(word.text, Arguments(), solids, join(word.span, end.span))
+
+    def blend_with_numbers(self, c: Items) -> syntax.BlendUse:
+        word, (arguments, _), (fields, end) = c
+        solids = tuple(combine_solids(f) for f in fields)
+        return syntax.BlendUse(word.text, arguments, solids, join(word.span, end.span))
+
     # Numbers.
 
     def calculate(self, c: Items) -> Expr:

@@ -13,7 +13,7 @@ from pcsg.errors import Diagnostic
 from pcsg.grammar.syntax import Combination, Solid
 from pcsg.grammar.tokens import Token, join
 from pcsg.graph.expr import Apply, Expr, Number, Parameter
-from pcsg.graph.operators import OPERATORS
+from pcsg.graph.operators import OPERATORS, SUM
 
 COMPARISONS = frozenset({"<", "<=", ">", ">=", "==", "!="})
 
@@ -118,7 +118,11 @@ def _hidden_not(sign: Token, before: Token) -> Diagnostic:
 def combine_solids(chain: Sequence[Solid | Token]) -> Solid:
     """Return the solid of ``operand operator operand ...``, flat where operators repeat."""
     items = list(chain)
-    for operator in sorted(OPERATORS, key=lambda o: -o.precedence):
+    for item in items:
+        if isinstance(item, Token) and item.type == "OPERATOR" and item.text != "+":
+            message = f"`{item.span.text}` does not combine solids"
+            raise SyntaxFault(diagnose("unexpected-token", message, item.span))
+    for operator in sorted((*OPERATORS, SUM), key=lambda o: -o.precedence):
         if len(items) == 1:
             break
         merged: list[Solid | Token] = []
@@ -137,6 +141,8 @@ def combine_solids(chain: Sequence[Solid | Token]) -> Solid:
 
 
 def _is(sign: Token, name: str) -> bool:
+    if sign.type == "OPERATOR":
+        return name == "sum"
     return sign.type == name.upper() or (sign.type == "MINUS" and name == "difference")
 
 
@@ -148,6 +154,6 @@ def _solid(item: Solid | Token) -> Solid:
 def _run(name: str, operands: list[Solid]) -> Solid:
     if len(operands) == 1:
         return operands[0]
-    operator = next(o for o in OPERATORS if o.name == name)
+    operator = next(o for o in (*OPERATORS, SUM) if o.name == name)
     span = join(operands[0].span, operands[-1].span)
     return Combination(operator, tuple(operands), span)

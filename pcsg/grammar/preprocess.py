@@ -28,6 +28,16 @@ class Unit:
     includes: list[tuple[Path, SourceSpan]] = field(default_factory=list)
 
 
+PLANT_SUFFIX = ".lsys"
+
+PLANT = """material(plant) blob("NAME", SEED)
+material plant { roughness = 0.9; specular = 0.1 }
+material meadow { color = (0.16, 0.20, 0.08); roughness = 1; specular = 0 }
+ground { z = 0; material = meadow }
+"""
+"""The grammar that the file of an L-system stands for: the plant that it draws, on a meadow."""
+
+
 @dataclass
 class Preprocessed:
     """The root file, and the tokens of every file, the root first, macros replaced."""
@@ -40,6 +50,8 @@ class Preprocessed:
 def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
     """Read a file and what it includes."""
     source, problems = _read(path, str(path))
+    if source is not None and path.suffix == PLANT_SUFFIX:
+        source = Source(str(path), PLANT.replace("NAME", path.name), str(path.parent))
     if source is None:
         return Preprocessed(None, [], problems)
     return _preprocess(source, path.resolve(), path.parent, include, problems)

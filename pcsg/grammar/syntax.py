@@ -94,7 +94,26 @@ class Combination:
     span: SourceSpan
 
 
-Solid = Use | Primitive | Prefixed | Combination
+@dataclass(frozen=True, slots=True, eq=False)
+class Blob:
+    """A blob; what stands in its braces is one field."""
+
+    fields: tuple[Solid, ...]
+    span: SourceSpan
+    arguments: Arguments = Arguments()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlendUse:
+    """An operator on fields that is written with braces."""
+
+    name: str
+    arguments: Arguments
+    fields: tuple[Solid, ...]
+    span: SourceSpan
+
+
+Solid = Use | Primitive | Prefixed | Combination | Blob | BlendUse
 
 
 # Items of a file.

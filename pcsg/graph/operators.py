@@ -35,7 +35,10 @@ class Operator:
 
 
 UNION = Operator("union", 0, ("|", "\u222a"), 1, 0b1110, True)
-INTERSECTION = Operator("intersection", 1, ("&", "\u2229"), 2, 0b1000, True)
-DIFFERENCE = Operator("difference", 2, ("\\", "-", "\u2216"), 3, 0b0100, False)
+INTERSECTION = Operator("intersection", 1, ("&", "\u2229"), 3, 0b1000, True)
+DIFFERENCE = Operator("difference", 2, ("\\", "-", "\u2216"), 4, 0b0100, False)
+
+SUM = Operator("sum", 3, ("+",), 2, 0b1110, True)
+"""The sum of fields, in blobs only; between union and intersection."""
 
 OPERATORS = (UNION, INTERSECTION, DIFFERENCE)

@@ -4,6 +4,9 @@ from pcsg.leaf import polyhedra, sheets, solids, torus
 
 # isort: split
 from pcsg.leaf import mesh
+
+# isort: split
+from pcsg.leaf import blob
 from pcsg.leaf.registry import LEAF_NAMES, LEAVES, Box, Solid, leaf
 
 __all__ = [
@@ -11,6 +14,7 @@ __all__ = [
     "LEAVES",
     "Box",
     "Solid",
+    "blob",
     "leaf",
     "mesh",
     "polyhedra",

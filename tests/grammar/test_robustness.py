@@ -27,7 +27,7 @@ NUMBER: /[0-9]{1,2}(\.[0-9])? /
 STRING: /"[a-z]{0,3}"/
 CONSTANT: "pi " | "e " | "true "
 ELSE: "else "
-TRANSFORM: "move " | "uscale " | "rotz "
+TRANSFORM: "move " | "weight " | "uscale " | "rotz "
 MIRROR: "flipxy "
 ATTRIBUTE: "color " | "material " | "label "
 PRIMITIVE: "sphere " | "cone " | "tri1 " | "empty "
@@ -41,6 +41,10 @@ LABEL: /\n[pq][1-3] ?: ?/
 NUMBERED: /\n[0-3] ?: ?/
 SETTING: "camera " | "\nmaterial " | "sky "
 KEY: "fov " | "eye " | "color " | "kind "
+BLOB: "blob "
+BLEND: "pcm " | "ricci " | "gbb "
+FOPEN: " {"
+FCLOSE: "}"
 LPAREN: "("
 RPAREN: ")"
 LBRACE: "{"

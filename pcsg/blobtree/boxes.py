@@ -1,0 +1,139 @@
+"""Boxes of fields: where the support is, and where the skeletons are, each in its own frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.blobtree.nodes import Bent, Combination, Cones, Field, Painted, Placed, Primitive, below
+from pcsg.errors import UsageError
+
+Array = NDArray[np.float64]
+Corners = tuple[Array, Array]
+
+NOTHING: Corners = (np.full(3, math.inf), np.full(3, -math.inf))
+
+
+def is_empty(box: Corners) -> bool:
+    """Return whether a box contains nothing."""
+    return bool(np.any(box[0] > box[1]))
+
+
+def unite(a: Corners, b: Corners) -> Corners:
+    """Return the box of two."""
+    return np.minimum(a[0], b[0]), np.maximum(a[1], b[1])
+
+
+def intersect(a: Corners, b: Corners) -> Corners:
+    """Return what two boxes share."""
+    box = np.maximum(a[0], b[0]), np.minimum(a[1], b[1])
+    return NOTHING if is_empty(box) else box
+
+
+def transform(matrix: Array, box: Corners) -> Corners:
+    """Return the box of a box behind a map (3, 4)."""
+    if is_empty(box):
+        return box
+    centre, half = 0.5 * (box[0] + box[1]), 0.5 * (box[1] - box[0])
+    centre, half = matrix[:, :3] @ centre + matrix[:, 3], np.abs(matrix[:, :3]) @ half
+    return centre - half, centre + half
+
+
+def cone_boxes(start: Array, axis: Array, foot: Array, reach: Array) -> tuple[Array, Array]:
+    """Return lower and upper corners (N, 3) of the supports of branches."""
+    length = np.linalg.norm(axis, axis=1)
+    unit = np.divide(axis, length[:, None], out=np.zeros_like(axis), where=length[:, None] > 0.0)
+    rim = foot[:, None] * np.sqrt(np.maximum(0.0, 1.0 - unit * unit))
+    flat = reach < 0.0
+    tip = start + np.where(flat[:, None], 0.0, axis)
+    r = np.abs(reach)[:, None]
+    return np.minimum(start - rim, tip) - r, np.maximum(start + rim, tip) + r
+
+
+def find_boxes(root: Field) -> dict[int, tuple[Corners, Corners]]:
+    """Return boxes of support and of skeletons by the identity of every node below the root.
+
+    Skeletons are not cut by operators: their top is the range of a warp.
+    """
+    found: dict[int, tuple[Corners, Corners]] = {}
+    for node in below(root):
+        found[id(node)] = _box_of(node, found)
+    return found
+
+
+def _box_of(node: Field, found: dict[int, tuple[Corners, Corners]]) -> tuple[Corners, Corners]:
+    if isinstance(node, Primitive):
+        lower, upper = (np.array(c, np.float64) for c in node.skeleton.extent(node.args))
+        reach = node.skeleton.reach(node.args)
+        return (lower - reach, upper + reach), (lower, upper)
+    if isinstance(node, Cones):
+        if not len(node.start):
+            return NOTHING, NOTHING
+        low, high = cone_boxes(node.start, node.axis, node.foot, node.reach)
+        low0, high0 = cone_boxes(node.start, node.axis, node.foot, np.sign(node.reach) * 1e-300)
+        return (low.min(0), high.max(0)), (low0.min(0), high0.max(0))
+    if isinstance(node, Placed):
+        support, core = found[id(node.child)]
+        return transform(node.matrix, support), transform(node.matrix, core)
+    if isinstance(node, Painted):
+        return found[id(node.child)]
+    if isinstance(node, Bent):
+        support, core = found[id(node.child)]
+        if is_empty(support):
+            return support, core
+        *_, image = node.warp.constants(node.args, range_of(node, core), support)
+        return image, core
+    if isinstance(node, Combination):
+        return _combined(node, found)
+    raise UsageError(f"not a field: {node!r}")
+
+
+def range_of(node: Bent, core: Corners) -> float:
+    """Return the height up to which a warp changes: as given, or the top of the skeletons."""
+    if node.height is not None:
+        return node.height
+    return max(float(core[1][2]), 0.0) if not is_empty(core) else 0.0
+
+
+def _combined(
+    node: Combination, found: dict[int, tuple[Corners, Corners]]
+) -> tuple[Corners, Corners]:
+    supports = [found[id(c)][0] for c in node.children]
+    core = NOTHING
+    for child in node.children:
+        core = unite(core, found[id(child)][1])
+    name = node.blend.name
+    if name in ("intersect", "r_intersect"):
+        box = supports[0]
+        for other in supports[1:]:
+            box = intersect(box, other)
+    elif name == "subtract":
+        box = supports[0]
+    elif name == "gbb":
+        box = unite(intersect(supports[0], supports[1]), supports[2])
+    else:
+        box = NOTHING
+        for other in supports:
+            box = unite(box, other)
+    return box, core
+
+
+def clip_of(
+    node: Combination, slot: int, found: dict[int, tuple[Corners, Corners]]
+) -> Corners | None:
+    """Return the box outside of which a child does not matter; None for everywhere."""
+    name = node.blend.name
+    supports = [found[id(c)][0] for c in node.children]
+    if name in ("intersect", "r_intersect"):
+        return _combined(node, found)[0]
+    if name == "subtract" and slot == 1:
+        return supports[0]
+    if name == "gbb" and slot == 1:
+        return supports[0]
+    if name == "gbb" and slot == 0:
+        return unite(supports[1], supports[2])
+    if name == "joint" and slot > 0 and slot % 2 == 0:
+        return supports[slot - 1]
+    return None

@@ -1,0 +1,218 @@
+r"""The turtle: strings of an L-system become internodes, leaves and polygons.
+
+=============  =================================================================================
+``F(l)``       an internode; its radii are the widths before and after it
+``f(l)``       a move
+``+ -``        turn left, right (about the turtle's up)
+``& ^``        pitch down, up
+``/ \``        roll right, left
+``|``          turn back
+``$``          roll until the turtle's left is horizontal
+``[ ]``        a branch
+``!(w)``       the width: the radius of what follows
+``'``          the next colour
+``%``          cuts off the rest of the branch
+``L(size)``    a leaf
+``{ }``        a polygon of the points where the turtle is after each ``G(l)``
+=============  =================================================================================
+
+Angles are degrees; without a number they are the constant ``angle``. The turtle starts in the
+origin, looking up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.blobtree.lsystem import Letter
+from pcsg.errors import UsageError
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+
+class Skeleton(NamedTuple):
+    """Internodes of a plant, parents before children.
+
+    Attributes
+    ----------
+    start, end : float64 (N, 3)
+    base, top : float64 (N,)
+        Radii.
+    parent : int64 (N,)
+        Number of the internode that bears it, -1 for none.
+    lateral : bool (N,)
+        Whether it begins a branch, rather than goes on with its parent's axis.
+    colour : int64 (N,)
+        How many ``'`` came before it.
+    """
+
+    start: Array
+    end: Array
+    base: Array
+    top: Array
+    parent: NDArray[np.int64]
+    lateral: NDArray[np.bool_]
+    colour: NDArray[np.int64]
+
+
+class Leaves(NamedTuple):
+    """Leaves of a plant: where, with which frame (columns: heading, left, up), how large."""
+
+    place: Array
+    frame: Array
+    size: Array
+
+
+class Drawing(NamedTuple):
+    """What a turtle has drawn; polygons are arrays of corners (K, 3)."""
+
+    skeleton: Skeleton
+    leaves: Leaves
+    polygons: list[Array]
+
+
+class _State(NamedTuple):
+    place: Vector
+    heading: Vector
+    left: Vector
+    up: Vector
+    width: float
+    colour: int
+    last: int
+    own: bool
+
+
+def _turn(a: Vector, b: Vector, degrees: float) -> tuple[Vector, Vector]:
+    """Return two orthogonal directions turned in their plane, the first towards the second."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    first = (c * a[0] + s * b[0], c * a[1] + s * b[1], c * a[2] + s * b[2])
+    second = (c * b[0] - s * a[0], c * b[1] - s * a[1], c * b[2] - s * a[2])
+    return first, second
+
+
+def draw(string: Sequence[Letter], angle: float = 30.0, width: float = 0.1) -> Drawing:
+    """Return what the turtle draws for a string."""
+    rows: list[tuple[Vector, Vector, float, float, int, bool, int]] = []
+    tops: list[float] = []
+    leaves: list[tuple[Vector, tuple[Vector, Vector, Vector], float]] = []
+    polygons: list[Array] = []
+    outline: list[Vector] | None = None
+    s = _State((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), width, 0, -1,
+               False)  # fmt: skip
+    stack: list[_State] = []
+    cut = 0
+    for symbol, args in string:
+        if cut and symbol not in "[]":
+            continue
+        first = args[0] if args else None
+        if symbol in "FfG":
+            length = 1.0 if first is None else first
+            to = tuple(p + length * h for p, h in zip(s.place, s.heading, strict=True))
+            here: Vector = (to[0], to[1], to[2])
+            if symbol == "F" and length > 0.0:
+                rows.append((s.place, here, s.width, s.width, s.last, not s.own, s.colour))
+                tops.append(s.width)
+                s = s._replace(place=here, last=len(rows) - 1, own=True)
+            else:
+                s = s._replace(place=here, own=s.own if symbol == "G" else False)
+            if outline is not None:
+                outline.append(here)
+        elif symbol in "+-":
+            turned = (angle if first is None else first) * (1.0 if symbol == "+" else -1.0)
+            h, left = _turn(s.heading, s.left, turned)
+            s = s._replace(heading=h, left=left)
+        elif symbol in "&^":
+            turned = (angle if first is None else first) * (1.0 if symbol == "^" else -1.0)
+            h, up = _turn(s.heading, s.up, turned)
+            s = s._replace(heading=h, up=up)
+        elif symbol in "/\\":
+            turned = (angle if first is None else first) * (1.0 if symbol == "/" else -1.0)
+            left, up = _turn(s.left, s.up, -turned)
+            s = s._replace(left=left, up=up)
+        elif symbol == "|":
+            h, left = _turn(s.heading, s.left, 180.0)
+            s = s._replace(heading=h, left=left)
+        elif symbol == "$":
+            s = _level(s)
+        elif symbol == "!":
+            w = s.width if first is None else first
+            if w <= 0.0:
+                raise UsageError(f"!({w:g}): a width must be > 0")
+            if s.own and s.last >= 0:
+                tops[s.last] = min(tops[s.last], w)
+            s = s._replace(width=w)
+        elif symbol == "'":
+            s = s._replace(colour=s.colour + 1)
+        elif symbol == "[":
+            if cut:
+                cut += 1
+                continue
+            stack.append(s)
+            s = s._replace(own=False)
+        elif symbol == "]":
+            if cut > 1:
+                cut -= 1
+                continue
+            cut = 0
+            if not stack:
+                raise UsageError("the string has a `]` without `[`")
+            s = stack.pop()
+        elif symbol == "%":
+            cut = 1
+        elif symbol == "L":
+            size = 1.0 if first is None else first
+            leaves.append((s.place, (s.heading, s.left, s.up), size))
+        elif symbol == "{":
+            outline = [s.place]
+        elif symbol == "}":
+            if outline is not None and len(outline) >= 3:
+                polygons.append(np.array(outline))
+            outline = None
+    return Drawing(_skeleton(rows, tops), _leaves(leaves), polygons)
+
+
+def _level(s: _State) -> _State:
+    x, y, _z = s.heading
+    across = math.hypot(x, y)
+    if across < 1e-9:
+        return s
+    left = (-y / across, x / across, 0.0)
+    h = s.heading
+    up = (
+        h[1] * left[2] - h[2] * left[1],
+        h[2] * left[0] - h[0] * left[2],
+        h[0] * left[1] - h[1] * left[0],
+    )
+    return s._replace(left=left, up=up)
+
+
+def _skeleton(
+    rows: Sequence[tuple[Vector, Vector, float, float, int, bool, int]], tops: Sequence[float]
+) -> Skeleton:
+    n = len(rows)
+    return Skeleton(
+        np.array([r[0] for r in rows], np.float64).reshape(n, 3),
+        np.array([r[1] for r in rows], np.float64).reshape(n, 3),
+        np.array([r[2] for r in rows], np.float64),
+        np.array(tops, np.float64),
+        np.array([r[4] for r in rows], np.int64),
+        np.array([r[5] for r in rows], np.bool_),
+        np.array([r[6] for r in rows], np.int64),
+    )
+
+
+def _leaves(
+    leaves: Sequence[tuple[Vector, tuple[Vector, Vector, Vector], float]],
+) -> Leaves:
+    n = len(leaves)
+    return Leaves(
+        np.array([leaf[0] for leaf in leaves], np.float64).reshape(n, 3),
+        np.array([leaf[1] for leaf in leaves], np.float64).reshape(n, 3, 3).transpose(0, 2, 1),
+        np.array([leaf[2] for leaf in leaves], np.float64),
+    )

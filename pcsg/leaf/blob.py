@@ -1,0 +1,240 @@
+"""Implicit models as leaves: blobs, and trees that L-systems draw."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from weakref import WeakValueDictionary
+
+import numpy as np
+
+from pcsg.blobtree.fields import T
+from pcsg.blobtree.layout import wide
+from pcsg.blobtree.model import Model as Fields
+from pcsg.blobtree.native import (
+    DESCRIPTION,
+    FIELD,
+    GRADIENT,
+    INTERVALS,
+    address,
+    ask,
+    reserve_floats,
+)
+from pcsg.blobtree.nodes import Field
+from pcsg.blobtree.plant import plant_of, read_text
+from pcsg.blobtree.points import ATTRIBUTE_COLUMNS, LABEL, U, V
+from pcsg.errors import UsageError
+from pcsg.jit import njit
+from pcsg.leaf.registry import (
+    Array,
+    Box,
+    Constant,
+    Data,
+    LeafConstant,
+    LeafParameter,
+    Model,
+    Pool,
+    Solid,
+    leaf,
+)
+from pcsg.vec import Ray, Vec3
+
+
+class BlobModel(Model):
+    """A flattened field in the pool."""
+
+    def __init__(self, fields: Fields) -> None:
+        if not fields.primitives:
+            raise UsageError("the blob has no primitives")
+        self.fields = fields
+        lower, upper = fields.bounds.tolist()
+        self.bounds = Box(tuple(lower), tuple(upper))
+
+    @cached_property
+    def data(self) -> Data:
+        """The address of the compiled kernels, and the arrays."""
+        doubles, singles, integers = self.fields.pool
+        return Data(np.concatenate([[float(address())], doubles]), singles, integers)
+
+
+class BlobSource(Constant):
+    """What fields are made of: the constant argument of a blob.
+
+    Parameters
+    ----------
+    parameters
+        Names of the numbers that the fields depend on.
+    """
+
+    def __init__(self, parameters: Sequence[str] = ()) -> None:
+        self.parameters = tuple(parameters)
+        self._models: WeakValueDictionary[tuple[float, ...], BlobModel] = WeakValueDictionary()
+
+    def build(self, values: Sequence[float]) -> Field:
+        """Return the field for values of the numbers; raises UsageError if there is none."""
+        raise NotImplementedError
+
+    def count(self) -> int:
+        """Return what it counts for in primitive equivalents."""
+        return 1
+
+    def model(self, values: Sequence[float]) -> BlobModel:
+        """Return the flattened field, the same one for the same values."""
+        key = tuple(values)
+        found = self._models.get(key)
+        if found is None:
+            found = self._models[key] = BlobModel(Fields(self.build(key)))
+        return found
+
+
+class FieldSource(BlobSource):
+    """A field built in Python."""
+
+    def __init__(self, field: Field) -> None:
+        super().__init__()
+        self._field = field
+
+    def build(self, values: Sequence[float]) -> Field:
+        return self._field
+
+
+class PlantSource(BlobSource):
+    """The trees that the L-system of a file draws, one for each seed."""
+
+    def __init__(self, text: str, name: str) -> None:
+        super().__init__(("seed",))
+        self._text = text
+        self._name = name
+
+    def build(self, values: Sequence[float]) -> Field:
+        seed = int(values[0])
+        return plant_of(self._text, self._name, seed if seed != 0 else None)
+
+    @property
+    def signature(self) -> object:
+        return self._name
+
+    @property
+    def digest(self) -> str:
+        return hashlib.sha256(self._text.encode()).hexdigest()
+
+    @property
+    def text(self) -> str | None:
+        return f'"{self._name}"'
+
+
+_READ: WeakValueDictionary[tuple[object, ...], PlantSource] = WeakValueDictionary()
+
+
+@njit
+def ray_at(p: Vec3) -> Ray:
+    """Return a point as the origin of a ray, as questions about points have it."""
+    return Ray(p.x, p.y, p.z, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@njit
+def ask_blob(
+    asked: int,
+    want: int,
+    ray: Ray,
+    args: Array,
+    at: int,
+    pool: Pool,
+    out: Array,
+    n: int,
+    limit: int,
+) -> int:
+    """Ask the model of a leaf; its first number is the address of who answers."""
+    f, s, i = wide(args[at]), wide(args[at + 1]), wide(args[at + 2])
+    return ask(wide(pool[0][f]), asked, want, ray, pool, f + 1, s, i, out, n, limit)
+
+
+@leaf
+class Blob(Solid):
+    """An implicit model: ``blob { ... }``, or ``blob("oak.lsys")``, a tree that an L-system draws.
+
+    The points where a field of skeletons is 0.5 or more; see [blobtree.md](blobtree.md). The name
+    of a file is relative to the grammar's; a number after it is the seed of another tree of the
+    kind.
+
+    In Python, ``blob(field)``, a field of `pcsg.blobtree`, or ``blob("oak.lsys")``.
+
+    Surface coordinates: those of the primitive that contributes most; for branches u goes round
+    the axis, in turns, and v along it.
+    """
+
+    constants = (LeafConstant("model", "an expression of fields in braces, or an .lsys file"),)
+
+    @classmethod
+    def read_constant(cls, text: str, folder: Path) -> BlobSource:
+        path = folder / text
+        key: tuple[object, ...] = (path,)
+        with suppress(OSError, ValueError):  # the reader tells what is wrong
+            about = path.stat()
+            key = path.resolve(), about.st_mtime_ns, about.st_size, text
+        found = _READ.get(key)
+        if found is None:
+            found = _READ[key] = PlantSource(read_text(path), text)
+        return found
+
+    @classmethod
+    def take_arguments(cls, args: Sequence[Any]) -> tuple[tuple[Constant, ...], Sequence[Any]]:
+        if args and isinstance(args[0], Field):
+            return (FieldSource(args[0]),), args[1:]
+        if args and isinstance(args[0], BlobSource):
+            return (args[0],), args[1:]
+        return super().take_arguments(args)
+
+    @classmethod
+    def parameters_of(cls, constants: Sequence[Constant]) -> tuple[LeafParameter, ...]:
+        source = _source(constants)
+        default = 0.0 if isinstance(source, PlantSource) else None
+        return tuple(LeafParameter(name, default) for name in source.parameters)
+
+    @classmethod
+    def make_model(cls, constants: Sequence[Constant], args: Sequence[float]) -> BlobModel:
+        return _source(constants).model(args)
+
+    @staticmethod
+    def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
+        return ask_blob(INTERVALS, want, ray, args, at, pool, t, n, len(t))
+
+    @staticmethod
+    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
+        out = reserve_floats(3)
+        ask_blob(GRADIENT, 0, ray_at(p), args, at, pool, out, 0, 3)
+        if out[0] == 0.0 and out[1] == 0.0 and out[2] == 0.0:
+            return Vec3(0.0, 0.0, 1.0)
+        return Vec3(-out[0], -out[1], -out[2])
+
+    @staticmethod
+    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
+        out = reserve_floats(1)
+        ask_blob(FIELD, 0, ray_at(p), args, at, pool, out, 0, 1)
+        return bool(out[0] >= T)
+
+    @staticmethod
+    def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
+        out = reserve_floats(ATTRIBUTE_COLUMNS)
+        ask_blob(DESCRIPTION, 0, ray_at(p), args, at, pool, out, 0, ATTRIBUTE_COLUMNS)
+        return out[U], out[V]
+
+    @staticmethod
+    def attributes(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float, float, float]:
+        out = reserve_floats(ATTRIBUTE_COLUMNS)
+        ask_blob(DESCRIPTION, 0, ray_at(p), args, at, pool, out, 0, ATTRIBUTE_COLUMNS)
+        for k in range(ATTRIBUTE_COLUMNS):
+            if math.isnan(out[k]):
+                out[k] = -1.0
+        return out[0], out[1], out[2], out[LABEL]
+
+
+def _source(constants: Sequence[Constant]) -> BlobSource:
+    (source,) = constants
+    assert isinstance(source, BlobSource)
+    return source

@@ -1,0 +1,131 @@
+"""L-systems: strings by recurrences that can be derived by hand, and what the turtle draws."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pcsg
+from pcsg.blobtree.lsystem import Letter, read_lsystem
+from pcsg.blobtree.model import Model
+from pcsg.blobtree.plant import plant_of
+from pcsg.blobtree.tree import Junctions, grow, merge_short
+from pcsg.blobtree.turtle import draw
+from pcsg.errors import GrammarError, UsageError
+
+GRAMMARS = Path(__file__).parent.parent.parent / "grammars"
+
+
+def letters(text: str, steps: int, seed: int = 0) -> str:
+    return "".join(x.symbol for x in read_lsystem(text, seed=seed).derive(steps))
+
+
+def test_algae() -> None:
+    text = (GRAMMARS / "lsystems" / "algae.lsys").read_text()
+    assert [len(letters(text, n)) for n in range(7)] == [1, 1, 2, 3, 5, 8, 13]
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3])
+def test_koch_curve(n: int) -> None:
+    string = read_lsystem("#define angle 90\naxiom: F\nF -> F+F-F-F+F").derive(n)
+    drawing = draw(string, 90.0)
+    assert len(drawing.skeleton.base) == 5**n
+    end = drawing.skeleton.end[-1] - drawing.skeleton.start[0]
+    np.testing.assert_allclose(np.linalg.norm(end), 3.0**n)
+
+
+def test_ternary_tree_has_its_internodes() -> None:
+    text = "axiom: !(0.2) A(1)\nA(l) -> F(l)[&(30)A(l*.7)]/(120)[&(30)A(l*.7)]/(120)[&(30)A(l*.7)]"
+    for n in (1, 2, 3):
+        drawing = draw(read_lsystem(text).derive(n))
+        assert len(drawing.skeleton.base) == (3**n - 1) // 2
+        assert int((drawing.skeleton.parent < 0).sum()) == 1
+
+
+def test_parameters_and_conditions() -> None:
+    system = read_lsystem("axiom: A(1, 2)\nA(x, y) : x*y < 20 -> A(x+1, y*2) B(x^2)\n")
+    assert system.derive(2) == [
+        Letter("A", (3.0, 8.0)),
+        Letter("B", (4.0,)),
+        Letter("B", (1.0,)),
+    ]
+
+
+def test_signals_move_through_contexts() -> None:
+    text = "axiom: BAAAA\nB < A -> B\nB -> A\n"
+    assert [letters(text, n) for n in range(5)] == ["BAAAA", "ABAAA", "AABAA", "AAABA", "AAAAB"]
+
+
+def test_contexts_skip_branches_and_what_is_ignored() -> None:
+    text = "axiom: B[+A]-A\nignore: +-\nB < A -> C\n"
+    assert letters(text, 1) == "B[+C]-C"
+    assert letters("axiom: A[X]B\nA > B -> C\n", 1) == "C[X]B"
+
+
+def test_probabilities_by_their_counts() -> None:
+    text = "axiom: " + "A" * 4000 + "\nA : : 0.25 -> B\nA : : 0.75 -> C\n"
+    found = letters(text, 1, seed=5)
+    assert abs(found.count("B") / 4000 - 0.25) < 0.03
+    assert found == letters(text, 1, seed=5)
+    assert found != letters(text, 1, seed=6)
+
+
+def test_the_turtle_widths_and_branches() -> None:
+    drawing = draw(read_lsystem("axiom: !(2)F(3)!(1)[+(90)F(2)]F(4)").derive(0))
+    s = drawing.skeleton
+    np.testing.assert_allclose(s.base, [2.0, 1.0, 1.0])
+    np.testing.assert_allclose(s.top, [1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(s.parent, [-1, 0, 0])
+    np.testing.assert_array_equal(s.lateral, [True, True, False])
+    np.testing.assert_allclose(s.end[2], [0.0, 0.0, 7.0], atol=1e-12)
+    assert s.end[1][2] == pytest.approx(3.0)
+
+
+def test_cut_and_polygons_and_leaves() -> None:
+    drawing = draw(read_lsystem("axiom: F[%F L(2)]L(0.5){G+(120)G+(120)G}").derive(0))
+    assert len(drawing.skeleton.base) == 1
+    np.testing.assert_allclose(drawing.leaves.size, [0.5])
+    assert drawing.polygons[0].shape == (4, 3)
+
+
+@pytest.mark.parametrize("mode", ["smooth", "contact", "aged"])
+@pytest.mark.parametrize("bend", [0.0, 40.0])
+def test_a_fork_is_wood_everywhere_along_its_skeleton(mode: str, bend: float) -> None:
+    text = "axiom: !(0.3) F(2) !(0.24) [ +(35) F(1.6) ] [ -(40) !(0.2) F(1.6) ] F(1.8)"
+    skeleton = draw(read_lsystem(text).derive(0)).skeleton
+    model = Model(grow(skeleton, Junctions(mode=mode, bend=bend)))
+    # The middle of the trunk and of the leader; laterals bend away.
+    for k in (0, 3):
+        s = np.linspace(0.02, 0.9, 40)[:, None]
+        along = skeleton.start[k] + s * (skeleton.end[k] - skeleton.start[k])
+        assert model.contains(along).all()
+    assert model.contains(skeleton.end - 0.02 * (skeleton.end - skeleton.start)).all()
+
+
+def test_short_internodes_are_merged() -> None:
+    skeleton = draw(read_lsystem("axiom: !(1) F(.2)F(.2)F(.2)F(9)").derive(0)).skeleton
+    merged = merge_short(skeleton)
+    assert len(merged.base) == 1
+    np.testing.assert_allclose(merged.end[0], [0.0, 0.0, 9.6])
+
+
+def test_mistakes_are_told_by_their_lines() -> None:
+    with pytest.raises(UsageError, match=r"x.lsys:2: .*exactly one module[\s\S]*x.lsys:3: "):
+        read_lsystem("axiom: A\nAB -> C\nA -> F(1\n", "x.lsys")
+    with pytest.raises(UsageError, match="there is no line `axiom"):
+        read_lsystem("A -> B\n")
+    with pytest.raises(UsageError, match="unknown setting"):
+        plant_of("axiom: F\nbarck: 1 2 3\n")
+
+
+def test_a_file_is_a_scene_and_seeds_are_other_trees(tmp_path: Path) -> None:
+    file = tmp_path / "twig.lsys"
+    file.write_text("axiom: !(0.2) F(1) [ +(20+ran(50)) !(0.1) F(1) ] F(1)\n")
+    one, two = pcsg.load(file), pcsg.load(file, SEED=3)
+    assert one.contains([[0.0, 0.0, 0.5]])[0]
+    assert not np.array_equal(one.bounds, two.bounds)
+    file.write_text("A -> B\n")
+    with pytest.raises(GrammarError, match="axiom"):
+        pcsg.load(file)
