@@ -59,6 +59,12 @@ CATALOGUE: dict[str, Mistake] = {
             "`#include` may not leave the folder of the root file unless `--include DIR` allows "
             "another folder.",
         ),
+        Mistake(
+            "bad-file",
+            _F,
+            "A file that a primitive names is not there, is damaged, or is of a kind that is not "
+            "supported.",
+        ),
         Mistake("include-cyclic", _F, "A file includes itself, directly or through others."),
         Mistake("bad-directive", _F, "There are two directives: `#define` and `#include`."),
         Mistake("macro-redefined", _M, "A macro has one definition in the whole set of files."),
@@ -162,6 +168,13 @@ CATALOGUE: dict[str, Mistake] = {
         Mistake("singular-matrix", _R, "A transformation flattens space and has no inverse."),
         Mistake("bad-argument", _R, "An argument of a primitive is outside its legal range."),
         Mistake("depth-limit", _R, "More modules on one path than the depth limit allows."),
+        Mistake(
+            "too-many-models",
+            _R,
+            "A primitive with data is another model for every set of values that its parameters "
+            "take: at most 64 in a scene, and 2 GB. A parameter that takes endlessly many values "
+            "must be rounded.",
+        ),
         Mistake("memory-budget", _R, "The states need more memory than `--max-memory` allows."),
         Mistake("too-many-errors", _S, "Only the first hundred mistakes are shown."),
         Mistake(

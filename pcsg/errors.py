@@ -24,10 +24,17 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Source:
-    """A text with the name users know it by."""
+    """A text with the name users know it by.
+
+    Attributes
+    ----------
+    folder
+        What names of files in it are relative to.
+    """
 
     name: str
     text: str = field(repr=False)
+    folder: str = field(default="", repr=False, compare=False)
 
     @cached_property
     def line_starts(self) -> tuple[int, ...]:
@@ -75,6 +82,11 @@ class SourceSpan:
     def text(self) -> str:
         """The characters themselves."""
         return self.source.text[self.start : self.end]
+
+    @property
+    def folder(self) -> str:
+        """What names of files there are relative to: where they are written, also in a macro."""
+        return self.body.folder if self.body else self.source.folder
 
     def __str__(self) -> str:
         line, column = self.source.locate(self.start)

@@ -155,9 +155,9 @@ def njit(
             "fastmath": {"contract"} if contract else False,
             # Nobody calls kernels from C.
             "no_cfunc_wrapper": True,
+            # Said also where it is false: functions inherit what their callers say.
+            "forceinline": inline,
         }
-        if inline:
-            options["forceinline"] = True
         if not entry:
             return _make_inner(plain, options)
         with _cache_in(cache_folder(fingerprint(plain))):

@@ -17,16 +17,22 @@ from pcsg.graph.bounds import HyperBoxes, hyper_boxes
 from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, unit
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.nodes import Combinable, Leaf, as_node
+from pcsg.graph.recipes import NoRecipe, Recipes, make_recipes
 from pcsg.graph.states import StateGraph, enumerate_states
 from pcsg.graph.stats import graph_stats
 from pcsg.graph.text import to_pcsg
 from pcsg.graph.validate import check_graph
 from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.lazy import LazyTracer
+from pcsg.trace.store import BLOCK_MEMORY
 from pcsg.trace.tracer import Engine, StatesTracer
 from pcsg.trace.walker import Walker
 
-UNROLL_BUDGET = 16_000
-"""States that are unrolled for the faster engine: seconds of preparation at the most."""
+UNROLL_BUDGET = 2_000
+"""States that are unrolled before others are left to be made on demand."""
+
+WHOLE_BUDGET = 16_000
+"""States that are unrolled where they cannot be made on demand: seconds of preparation."""
 
 
 def load(
@@ -37,6 +43,7 @@ def load(
     engine: Engine = "auto",
     threads: int | None = None,
     max_memory: int | None = None,
+    block_memory: int | None = None,
     **more: float,
 ) -> Scene:
     """Return the scene of a grammar file.
@@ -47,7 +54,7 @@ def load(
         Folders beside the file's own that ``#include`` may reach.
     parameters, **more
         Values in place of those that the axiom assigns; SEED and TIME.
-    engine, threads, max_memory
+    engine, threads, max_memory, block_memory
         As for `Scene`.
 
     Raises
@@ -63,7 +70,14 @@ def load(
 
     graph = load_file(path, include=include)
     values = {**(parameters or {}), **more}
-    return Scene(graph, values, engine=engine, threads=threads, max_memory=max_memory)
+    return Scene(
+        graph,
+        values,
+        engine=engine,
+        threads=threads,
+        max_memory=max_memory,
+        block_memory=block_memory,
+    )
 
 
 def loads(
@@ -74,6 +88,7 @@ def loads(
     engine: Engine = "auto",
     threads: int | None = None,
     max_memory: int | None = None,
+    block_memory: int | None = None,
     **more: float,
 ) -> Scene:
     """Return the scene of a grammar in a string; arguments as for `load`."""
@@ -81,7 +96,14 @@ def loads(
 
     graph = load_text(text, name=name)
     values = {**(parameters or {}), **more}
-    return Scene(graph, values, engine=engine, threads=threads, max_memory=max_memory)
+    return Scene(
+        graph,
+        values,
+        engine=engine,
+        threads=threads,
+        max_memory=max_memory,
+        block_memory=block_memory,
+    )
 
 
 class Scene:
@@ -94,12 +116,16 @@ class Scene:
     parameters
         Values in place of those that the axiom assigns; SEED and TIME.
     engine
-        Who answers rays: ``cyclic`` walks the graph itself, ``states`` its unrolled states, which
-        must be finite in number; ``auto`` takes the faster one. The answers are the same.
+        Who answers rays: ``cyclic`` walks the graph itself, ``states`` its unrolled states; where
+        they are too many, those that memory has no room for are made on demand. ``auto`` takes the
+        states where it can. The answers are the same.
     threads
         Most threads of one call; by default one for each processor. Results do not depend on it.
     max_memory
         Bytes that rays may use for their work; by default half of the machine's.
+    block_memory
+        Bytes for states where they are too many to be unrolled, 16 MB by default. More is faster;
+        the answers are the same.
 
     Raises
     ------
@@ -117,6 +143,7 @@ class Scene:
         engine: Engine = "auto",
         threads: int | None = None,
         max_memory: int | None = None,
+        block_memory: int | None = None,
     ) -> None:
         graph = solid if isinstance(solid, Graph) else Graph(as_node(solid))
         given = dict(parameters or {})
@@ -136,16 +163,30 @@ class Scene:
             raise GrammarError(faults)
         if engine not in get_args(Engine):
             raise UsageError(f"unknown engine `{engine}`; one of {', '.join(get_args(Engine))}")
-        unrolled = self.states.finite and self.states.acyclic
+        self._recipes: Recipes | None = None
+        unrolled = engine != "cyclic" and self._unroll()
         if engine == "states" and not unrolled:
             raise UsageError(
-                f"the grammar has more than {self.states.count} states; "
-                "the engine `states` needs all of them, use `cyclic` or `auto`"
+                f"the grammar has more than {self.states.count:,} states, which cannot be made on "
+                f"demand ({self._no_recipe}); use the engine `cyclic` or `auto`"
             )
-        self.engine = "states" if unrolled and engine != "cyclic" else "cyclic"
+        self.engine = "states" if unrolled else "cyclic"
         """The engine in use."""
         self._threads = threads
         self._max_memory = max_memory
+        self._block_memory = block_memory
+
+    def _unroll(self) -> bool:
+        """Find how the engine of states can have its states; return whether it can."""
+        if self.states.finite:
+            return self.states.acyclic
+        try:
+            self._recipes = make_recipes(self.graph, self.values)
+        except NoRecipe as reason:
+            self._no_recipe = str(reason)
+            self.states = enumerate_states(self.graph, self.values, WHOLE_BUDGET)
+            return self.states.finite and self.states.acyclic
+        return True
 
     def _sun(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the direction towards the sun as the parameters SUNX, SUNY, SUNZ."""
@@ -165,16 +206,31 @@ class Scene:
         return hyper_boxes(self.graph, self.values, self.states)
 
     @cached_property
-    def tracer(self) -> Walker | StatesTracer:
+    def tracer(self) -> Walker | StatesTracer | LazyTracer:
         """Who answers the rays."""
+        if self._recipes is not None:
+            memory = BLOCK_MEMORY if self._block_memory is None else self._block_memory
+            return LazyTracer(
+                self._recipes,
+                self.values,
+                walker=self._make_walker,
+                threads=self._threads,
+                block_memory=memory,
+            )
         if self.engine == "states":
             return StatesTracer(self.graph, self.states, self._make_walker, self._threads)
         return self._make_walker()
 
     def _make_walker(self) -> Walker:
         limit = {} if self._max_memory is None else {"max_bytes": self._max_memory}
-        boxes = self.boxes.boxes
-        return Walker(self.graph, self.values, boxes=boxes, threads=self._threads, **limit)
+        return Walker(
+            self.graph,
+            self.values,
+            boxes=self.boxes.boxes,
+            threads=self._threads,
+            states=self.states,
+            **limit,
+        )
 
     @cached_property
     def parameters(self) -> dict[str, float]:
@@ -191,7 +247,9 @@ class Scene:
     @cached_property
     def source_hash(self) -> str:
         """Digest of the grammar with its overrides, in hexadecimal."""
-        return hashlib.sha256(self.to_pcsg().encode()).hexdigest()[:16]
+        digests = [c.digest for n in self.graph.nodes if isinstance(n, Leaf) for c in n.constants]
+        text = "\n".join([to_pcsg(self.graph, abridged=True), *digests])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @cached_property
     def sheets(self) -> NDArray[np.bool_]:
@@ -252,8 +310,8 @@ class Scene:
         """Return statistics of the scene: see `graph_stats`."""
         nbytes = self.tracer.nbytes
         found = graph_stats(self.graph, self.values, self.states, self.boxes, nbytes)
-        blocks = self.tracer.blocks.n_blocks if isinstance(self.tracer, StatesTracer) else None
-        return {**found, "engine": self.engine, "blocks": blocks}
+        counts = {} if isinstance(self.tracer, Walker) else self.tracer.counts
+        return {**found, "engine": self.engine, "blocks": None, **counts}
 
     def to_pcsg(self) -> str:
         """Return the scene as text of the language."""

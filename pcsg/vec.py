@@ -191,22 +191,38 @@ def invert(m: Affine) -> tuple[Affine, bool]:
     return inverse, total < math.inf
 
 
+@njit
+def determinant(m: Affine) -> float:
+    """Return how volumes change under a map; negative where it mirrors."""
+    return (
+        m.m00 * (m.m11 * m.m22 - m.m12 * m.m21)
+        - m.m01 * (m.m10 * m.m22 - m.m12 * m.m20)
+        + m.m02 * (m.m10 * m.m21 - m.m11 * m.m20)
+    )
+
+
+_ONE, _TWO, _THREE, _FOUR, _EIGHT = (np.uint64(k) for k in (1, 2, 3, 4, 8))
+
+
 @njit(inline=True)
 def load_affine(array: NDArray[np.float64], at: int) -> Affine:
     """Read 12 consecutive numbers as a map."""
+    # Unsigned, so that no index needs a test of its sign.
+    a = np.uint64(at)
+    b, c = a + _FOUR, a + _EIGHT
     return Affine(
-        array[at],
-        array[at + 1],
-        array[at + 2],
-        array[at + 3],
-        array[at + 4],
-        array[at + 5],
-        array[at + 6],
-        array[at + 7],
-        array[at + 8],
-        array[at + 9],
-        array[at + 10],
-        array[at + 11],
+        array[a],
+        array[a + _ONE],
+        array[a + _TWO],
+        array[a + _THREE],
+        array[b],
+        array[b + _ONE],
+        array[b + _TWO],
+        array[b + _THREE],
+        array[c],
+        array[c + _ONE],
+        array[c + _TWO],
+        array[c + _THREE],
     )
 
 

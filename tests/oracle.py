@@ -526,6 +526,108 @@ def inside(name: str, args: Sequence[float], p: Vector) -> bool:
 SHEETS = ("tri1", "tri2")
 
 
+# Meshes: every triangle, one by one.
+
+Triangle = tuple[Vector, Vector, Vector]
+
+
+class _Ambiguous(Exception):
+    """A ray meets an edge."""
+
+
+def triangles_of(node: Leaf) -> list[Triangle]:
+    """Return the triangles of a mesh."""
+    (mesh,) = node.constants
+    polygons = mesh.polygons  # type: ignore[attr-defined]
+    corners = polygons.vertices[polygons.triangles].tolist()
+    return [(tuple(a), tuple(b), tuple(c)) for a, b, c in corners]
+
+
+def is_closed(triangles: Sequence[Triangle]) -> bool:
+    """Return whether every edge is passed as often forwards as backwards."""
+    passed: dict[tuple[Vector, Vector], int] = {}
+    for t in triangles:
+        for k in range(3):
+            a, b = t[k], t[(k + 1) % 3]
+            passed[min(a, b), max(a, b)] = passed.get((min(a, b), max(a, b)), 0) + (
+                1 if a < b else -1
+            )
+    return not any(passed.values())
+
+
+def _minus(a: Vector, b: Vector) -> Vector:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def plane_of(triangle: Triangle) -> tuple[Vector, float]:
+    """Return the normal n of a triangle, of any length, and c of its plane n . p = c."""
+    a, b, c = triangle
+    n = _cross(_minus(b, a), _minus(c, a))
+    return n, _dot(n, a)
+
+
+def _meets(triangle: Triangle, o: Vector, d: Vector) -> float | None:
+    """Return where a ray passes through the inside of a triangle."""
+    n, c = plane_of(triangle)
+    slope = _dot(n, d)
+    size = math.sqrt(_dot(n, n) * _dot(d, d))
+    weights = []
+    if abs(slope) <= 1e-12 * size:
+        # Nearly in the plane: beside the triangle it does not matter.
+        if abs(_dot(n, o) - c) > 1e-9 * math.sqrt(_dot(n, n)):
+            return None
+        raise _Ambiguous
+    t = (c - _dot(n, o)) / slope
+    p = _at(o, d, t)
+    for k in range(3):
+        a, b = triangle[k], triangle[(k + 1) % 3]
+        weights.append(_dot(_cross(_minus(b, a), _minus(p, a)), n) / _dot(n, n))
+    if min(weights) < -1e-12:
+        return None
+    if min(weights) < 1e-12:
+        raise _Ambiguous
+    return t
+
+
+def mesh_crossings(
+    triangles: Sequence[Triangle], o: Vector, d: Vector
+) -> list[tuple[float, Vector]]:
+    """Return where a ray meets triangles, and their normals; through edges, a hair beside them."""
+    for k in range(9):
+        moved = (o[0] + 3e-12 * k, o[1] - 2.3e-12 * k, o[2] + 1.7e-12 * k)
+        try:
+            met = [(_meets(t, moved, d), plane_of(t)[0]) for t in triangles]
+        except _Ambiguous:
+            continue
+        return sorted(((t, n) for t, n in met if t is not None), key=lambda hit: hit[0])
+    return []
+
+
+def mesh_pieces(triangles: Sequence[Triangle], o: Vector, d: Vector) -> list[Piece]:
+    """Return the intervals in which a closed mesh winds about the points of a ray."""
+    volume = sum(_dot(a, _cross(b, c)) for a, b, c in triangles)
+    found: list[Piece] = []
+    winding = 0
+    for t, n in mesh_crossings(triangles, o, d):
+        outward = n if volume > 0.0 else (-n[0], -n[1], -n[2])
+        if winding == 0:
+            begin = t, outward
+        winding += 1 if _dot(n, d) < 0.0 else -1
+        if winding == 0:
+            found.append((*begin, t, outward))
+    return found
+
+
+def mesh_contains(triangles: Sequence[Triangle], p: Vector) -> bool:
+    """Return whether a closed mesh winds about a point."""
+    direction = (0.31, -0.52, 0.77)
+    return any(t0 <= 0.0 <= t1 for t0, _, t1, _ in mesh_pieces(triangles, p, direction))
+
+
 # Lists of events
 
 
@@ -680,7 +782,7 @@ class Place:
 
 
 def _legal(node: Leaf, args: Sequence[float]) -> bool:
-    for parameter, x in zip(node.solid.parameters, args, strict=True):
+    for parameter, x in zip(node.parameters, args, strict=True):
         if not parameter.low <= x <= parameter.high or (parameter.open_low and x == parameter.low):
             return False
     return True
@@ -786,12 +888,19 @@ class _Events(_Walk):
             number = self.graph.number[node]
             return Event(t, kind, number, False, world, place.attributes)
 
-        if name in SHEETS:
+        if node.constants:
+            triangles = triangles_of(node)
+            if not is_closed(triangles):
+                return [event(t, "sheet", n) for t, n in mesh_crossings(triangles, o, d)]
+            found = mesh_pieces(triangles, o, d)
+        elif name in SHEETS:
             return [event(t, "sheet", (0.0, 0.0, 1.0)) for t in sheet(name, o, d)]
-        found = []
-        for t0, n0, t1, n1 in pieces(name, args, o, d):
-            found += [event(t0, "enter", n0), event(t1, "leave", n1)]
-        return found
+        else:
+            found = pieces(name, args, o, d)
+        events = []
+        for t0, n0, t1, n1 in found:
+            events += [event(t0, "enter", n0), event(t1, "leave", n1)]
+        return events
 
     def nothing(self) -> list[Event]:
         return []
@@ -802,6 +911,9 @@ class _Events(_Walk):
 
 class _Contains(_Walk):
     def leaf(self, node: Leaf, args: list[float], place: Place) -> bool:
+        if node.constants:
+            triangles = triangles_of(node)
+            return is_closed(triangles) and mesh_contains(triangles, place.origin)
         return inside(node.solid.name, args, place.origin)
 
     def nothing(self) -> bool:
@@ -820,12 +932,19 @@ class Placed:
     args: tuple[float, ...]
     frame: Rows
     attributes: Mapping[str, float]
+    node: Leaf
+
+    def alone(self) -> Leaf:
+        """Return the leaf with its arguments as constants."""
+        args = tuple(Number(a) for a in self.args)
+        return Leaf(self.node.solid, args, self.node.constants)
 
 
 class _Leaves(_Walk):
     def leaf(self, node: Leaf, args: list[float], place: Place) -> list[Placed]:
         number = self.graph.number[node]
-        return [Placed(number, node.solid.name, tuple(args), place.frame, place.attributes)]
+        name = node.solid.name
+        return [Placed(number, name, tuple(args), place.frame, place.attributes, node)]
 
     def nothing(self) -> list[Placed]:
         return []

@@ -230,8 +230,11 @@ def solid_graphs(**options: Any) -> st.SearchStrategy[Graph]:
 
 
 @st.composite
-def graphs(draw: Draw, world: bool | None = None) -> Graph:
-    """Return a grammar of one to three modules whose recursion ends by a counter."""
+def graphs(draw: Draw, world: bool | None = None, unions: bool = False) -> Graph:
+    """Return a grammar of one to three modules whose recursion ends by a counter.
+
+    With `unions`, modules are combined by unions only.
+    """
     if world is None:
         world = draw(st.integers(0, 3)) == 0
     integral = draw(st.booleans())
@@ -293,7 +296,7 @@ def graphs(draw: Draw, world: bool | None = None) -> Graph:
         # No sheets below, because any module may stand on the right of a difference.
         first = recursive()
         other = recursive() if draw(st.booleans()) else terminal(False)
-        operator = draw(st.sampled_from(["|", "|", "|", "&", "-"]))
+        operator = "|" if unions else draw(st.sampled_from(["|", "|", "|", "&", "-"]))
         left, right = (first, other) if draw(st.booleans()) else (other, first)
         if operator == "|":
             return left | right

@@ -125,7 +125,7 @@ LIMB if(n > 0, 2, 1)
 
 // Names for solids. Transformations act on what stands behind them.
 wood = material(bark) (scale(0.1, 0.1, 1) cone(0.8) | move(0, 0, 1) uscale(0.08) sphere)
-leaf = material(green) color(0.25 + 0.2*rand(n), 0.5, 0.05) 
+leaf = material(green) color(0.25 + 0.2*rand(n), 0.5, 0.05)
        move(0, 0, 0.4) scale(0.25, 0.06, 0.5) sphere
 
 // All from here is optional: without it there are an automatic camera and light.

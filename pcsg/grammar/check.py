@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 
 from pcsg.catalogue import diagnose
-from pcsg.errors import Diagnostic, SourceSpan, suggest
+from pcsg.errors import Diagnostic, SourceSpan, UsageError, suggest
 from pcsg.grammar import syntax
 from pcsg.grammar.names import Names
 from pcsg.grammar.syntax import Arguments, Solid
@@ -15,6 +16,7 @@ from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.settings import SETTINGS
 from pcsg.graph.transforms import TRANSFORMS
 from pcsg.leaf import LEAF_NAMES
+from pcsg.leaf.registry import Constant
 
 MAX_ARGUMENTS = 1000
 """Largest number of arguments of a function that takes any number."""
@@ -97,7 +99,13 @@ def _check_function(expr: Apply) -> list[Diagnostic]:
 
 
 def _check_count(
-    name: str, count: int, least: int, most: int, span: SourceSpan | None, usage: str | None = None
+    name: str,
+    count: int,
+    least: int,
+    most: int,
+    span: SourceSpan | None,
+    usage: str | None = None,
+    after_text: bool = False,
 ) -> list[Diagnostic]:
     if least <= count <= most:
         return []
@@ -106,7 +114,9 @@ def _check_count(
     else:
         wanted = str(least) if least == most else f"{least} to {most}"
     plural = "" if wanted in ("1", "at least 1") else "s"
-    if most == 0:
+    if most == 0 and after_text:
+        message = f"`{name}` takes no numbers"
+    elif most == 0:
         message = f"`{name}` takes no arguments"
     else:
         message = f"`{name}` takes {wanted} argument{plural}, not {count}"
@@ -130,18 +140,65 @@ def _check_part(
     if isinstance(part, syntax.Use):
         return [*problems, *_check_use(part, names)]
     if isinstance(part, syntax.Primitive):
-        parameters = LEAF_NAMES[part.name].parameters
-        least = sum(1 for p in parameters if p.default is None)
-        usage = f"`{part.name}({', '.join(p.name for p in parameters)})`"
-        count = len(part.arguments.values)
-        expected = usage if parameters else None
-        problems += _check_seeds(part.name, part.arguments, part.span)
-        return problems + _check_count(
-            part.name, count, least, len(parameters), part.span, expected
-        )
+        return [*problems, *_check_primitive(part, names)]
     if part.attribute:
         return [*problems, *_check_attribute(part, names, setting_names)]
     return [*problems, *_check_transformation(part)]
+
+
+def _check_primitive(part: syntax.Primitive, names: Names) -> list[Diagnostic]:
+    solid = LEAF_NAMES[part.name]
+    problems = _check_seeds(part.name, part.arguments, part.span)
+    usage = [f'"{c.name}"' for c in solid.constants]
+    surplus = part.texts[len(solid.constants) :]
+    if surplus:
+        message = f"`{part.name}` takes no text here"
+        problems.append(diagnose("wrong-arguments", message, surplus[0].span))
+    elif len(part.texts) < len(solid.constants):
+        missing = solid.constants[len(part.texts)]
+        values = part.arguments.values
+        span = (getattr(values[0], "span", None) if values else None) or part.span
+        message = f"`{part.name}` takes {missing.expected} first"
+        usage += [p.name for p in solid.parameters]
+        expected = f"`{part.name}({', '.join(usage)})`"
+        return [*problems, diagnose("wrong-arguments", message, span, expected=expected)]
+    else:
+        constants, found = read_constants(part, names)
+        problems += found
+        if found:
+            return problems
+        parameters = solid.parameters_of(constants)
+        least = sum(1 for p in parameters if p.default is None)
+        usage += [p.name for p in parameters]
+        expected_usage = f"`{part.name}({', '.join(usage)})`" if usage else None
+        count = len(part.arguments.values)
+        problems += _check_count(
+            part.name, count, least, len(parameters), part.span, expected_usage, bool(constants)
+        )
+    return problems
+
+
+def read_constants(
+    part: syntax.Primitive, names: Names
+) -> tuple[tuple[Constant, ...], list[Diagnostic]]:
+    """Return what the texts of a primitive stand for, and what is wrong with them."""
+    constants: list[Constant] = []
+    problems: list[Diagnostic] = []
+    solid = LEAF_NAMES[part.name]
+    for text, _ in zip(part.texts, solid.constants, strict=False):
+        key = solid.name, text.span.folder, text.text
+        found = names.constants.get(key)
+        if found is None:
+            try:
+                found = solid.read_constant(text.text, Path(text.span.folder))
+            except UsageError as error:
+                found = error
+            names.constants[key] = found
+        if isinstance(found, UsageError):
+            problems.append(diagnose("bad-file", str(found), text.span))
+        else:
+            constants.append(found)
+    return tuple(constants), problems
 
 
 def _check_seeds(name: str, arguments: Arguments, span: SourceSpan) -> list[Diagnostic]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pcsg.grammar import syntax
-from pcsg.grammar.check import definition_order
+from pcsg.grammar.check import definition_order, read_constants
 from pcsg.grammar.names import ModuleEntry, Names
 from pcsg.grammar.syntax import Solid
 from pcsg.graph.attributes import ATTRIBUTES
@@ -96,7 +96,7 @@ class _Lowering:
                 else:
                     done.append(_apply(solid.prefixes, done.pop()))
             elif isinstance(solid, syntax.Primitive):
-                done.append(_leaf(solid))
+                done.append(self._leaf(solid))
             else:
                 done.append(self._use(solid))
         return done[0]
@@ -112,6 +112,18 @@ class _Lowering:
         values = [*use.arguments.values, *[Number(0.0)] * len(formals)]
         pairs = tuple(zip(formals, values, strict=False))
         return Calculation(pairs, node, call=True, span=use.span)
+
+    def _leaf(self, primitive: syntax.Primitive) -> Node:
+        solid = LEAF_NAMES[primitive.name]
+        constants, _ = read_constants(primitive, self.names)
+        if len(constants) < len(solid.constants):
+            return _placeholder()
+        parameters = solid.parameters_of(constants)
+        values = primitive.arguments.values
+        least = sum(1 for p in parameters if p.default is None)
+        if not least <= len(values) <= len(parameters):
+            return _placeholder()
+        return make_leaf(solid, values, primitive.span, constants)
 
 
 def _placeholder() -> Leaf:
@@ -163,15 +175,6 @@ def _attribute(prefix: syntax.Unary, node: Node) -> Node:
     if not least <= len(values) <= most:
         return node
     return Attribute(kind, values, node, reference, span=prefix.span)
-
-
-def _leaf(primitive: syntax.Primitive) -> Node:
-    solid = LEAF_NAMES[primitive.name]
-    values = primitive.arguments.values
-    least = sum(1 for p in solid.parameters if p.default is None)
-    if not least <= len(values) <= len(solid.parameters):
-        return _placeholder()
-    return make_leaf(solid, values, primitive.span)
 
 
 def _selection(entry: ModuleEntry) -> Selection:

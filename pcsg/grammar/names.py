@@ -6,9 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from pcsg.catalogue import diagnose
-from pcsg.errors import Diagnostic, SourceSpan
+from pcsg.errors import Diagnostic, SourceSpan, UsageError
 from pcsg.grammar import syntax
 from pcsg.grammar.syntax import Name, Rule
+from pcsg.leaf.registry import Constant
 
 
 @dataclass
@@ -37,13 +38,20 @@ class ModuleEntry:
 
 @dataclass
 class Names:
-    """The tables of a set of files."""
+    """The tables of a set of files.
+
+    Attributes
+    ----------
+    constants
+        What texts among arguments stand for, by primitive, folder and text; or why they do not.
+    """
 
     modules: dict[str, ModuleEntry] = field(default_factory=dict)
     definitions: dict[str, syntax.Definition] = field(default_factory=dict)
     axiom: syntax.Axiom | None = None
     settings: list[syntax.SettingItem] = field(default_factory=list)
     broken: list[syntax.Broken] = field(default_factory=list)
+    constants: dict[tuple[str, str, str], Constant | UsageError] = field(default_factory=dict)
 
     @property
     def assigned_in_broken(self) -> set[str]:

@@ -240,6 +240,13 @@ class _Builder(Transformer[Any, Any]):
         arguments, end = c[1]
         return syntax.Primitive(word.text, arguments, join(word.span, end.span))
 
+    def primitive_of_texts(self, c: Items) -> syntax.Primitive:
+        word, opening, texts = c[:3]
+        numbers = self.arguments([opening, c[4], c[-1]])[0] if len(c) > 4 else Arguments()
+        span = join(word.span, c[-1].span)
+        quoted = tuple(syntax.Text(t.text[1:-1], t.span) for t in texts)
+        return syntax.Primitive(word.text, numbers, span, quoted)
+
     # Numbers.
 
     def calculate(self, c: Items) -> Expr:

@@ -66,7 +66,7 @@ def _read(path: Path, name: str) -> tuple[Source | None, list[Diagnostic]]:
         reason = getattr(error, "strerror", None) or error
         return None, [diagnose("file-missing", f"cannot read `{name}`: {reason}")]
     try:
-        return Source(name, data.decode("utf-8-sig")), []
+        return Source(name, data.decode("utf-8-sig"), str(path.parent)), []
     except UnicodeDecodeError as error:
         # Bytes before the bad one are text; their number of characters is its offset.
         start = data[: error.start].decode("utf-8-sig")

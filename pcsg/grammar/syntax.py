@@ -41,12 +41,21 @@ class Use:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Text:
+    """A text in quotes, without them."""
+
+    text: str
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Primitive:
-    """A primitive."""
+    """A primitive; texts stand before the numbers."""
 
     name: str
     arguments: Arguments
     span: SourceSpan
+    texts: tuple[Text, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import overload
+from typing import Any, overload
 
 from pcsg.errors import UsageError
 from pcsg.graph.attributes import ATTRIBUTES, AttributeKind
@@ -61,9 +61,10 @@ class LeafConstructor(Combinable):
         self.solid = solid
         self.__doc__ = solid.__doc__
 
-    def __call__(self, *args: Argument) -> Leaf:
+    def __call__(self, *args: Any) -> Leaf:
         """Return a leaf with these arguments."""
-        return leaf_node(self.solid, [as_expr(a) for a in args])
+        constants, numbers = self.solid.take_arguments(args)
+        return leaf_node(self.solid, [as_expr(a) for a in numbers], constants=constants)
 
     def as_node(self) -> Node:
         """Return a leaf without arguments."""

@@ -13,7 +13,7 @@ from struct import Struct
 
 from pcsg.errors import SourceSpan, UsageError
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS, ATTRIBUTE_SLOTS
-from pcsg.graph.expr import Expr, as_expr
+from pcsg.graph.expr import Expr
 from pcsg.graph.faults import (
     BAD_ARGUMENT,
     NOT_FINITE,
@@ -22,7 +22,7 @@ from pcsg.graph.faults import (
     UNASSIGNED_PARAMETER,
 )
 from pcsg.graph.graph import FRAME_SLOTS, GLOBALS, Graph, expressions
-from pcsg.graph.liveness import Liveness, attribute_stores, reads
+from pcsg.graph.liveness import Liveness, attribute_stores, attribute_values, reads
 from pcsg.graph.nodes import Attribute, Calculation, Leaf, Node, Selection, Transformation
 from pcsg.graph.tape import UNASSIGNED, Fault, Program
 from pcsg.jit import plain
@@ -200,7 +200,7 @@ class GraphCode:
         args = self._memory.get(key)
         if args is None:
             args = tuple(self._run(k, params))
-            for parameter, expr, x in zip(node.solid.parameters, node.args, args, strict=True):
+            for parameter, expr, x in zip(node.parameters, node.args, args, strict=True):
                 low_ok = x > parameter.low if parameter.open_low else x >= parameter.low
                 if not (low_ok and x <= parameter.high):
                     raise NodeFault(
@@ -224,11 +224,7 @@ def _code_of(graph: Graph, k: int, node: Node, liveness: Liveness) -> tuple[list
     if isinstance(node, Attribute):
         if not liveness.live[graph.successors[k][0]] & set(attribute_stores(node)):
             return [], []
-        exprs = list(node.args)
-        if node.kind.refers_to:
-            number = graph.numbers_of(node.kind.refers_to).get(node.reference or "", -1)
-            exprs.insert(0, as_expr(float(number)))
-        return exprs, list(attribute_stores(node))
+        return attribute_values(graph, node), list(attribute_stores(node))
     if isinstance(node, (Transformation, Leaf)):
         return list(node.args), []
     return [], []

@@ -92,7 +92,7 @@ class _Counter:
                 below[found] = below.get(found, 0) + 1
                 continue
             if isinstance(node, Leaf):
-                own += node.solid.primitives
+                own += node.primitives
                 continue
             successors = graph.successors[n]
             if isinstance(node, Calculation):

@@ -20,6 +20,7 @@ SINGULAR_MATRIX = "singular-matrix"
 BAD_ARGUMENT = "bad-argument"
 DEPTH_LIMIT = "depth-limit"
 MEMORY_BUDGET = "memory-budget"
+TOO_MANY_MODELS = "too-many-models"
 
 _MESSAGES = {
     NOT_FINITE: "a result {where} is not a finite number",
@@ -29,11 +30,13 @@ _MESSAGES = {
     BAD_ARGUMENT: "an argument {where} is outside its legal range",
     DEPTH_LIMIT: "the recursion {where} does not end within the depth limit",
     MEMORY_BUDGET: "the work {where} does not fit into the memory budget",
+    TOO_MANY_MODELS: "too many models {where}",
 }
 
 _HINTS = {
     SINGULAR_MATRIX: "scale by something other than 0",
     DEPTH_LIMIT: "check that every cycle of rules changes a parameter towards a terminating rule",
+    TOO_MANY_MODELS: "round a parameter, as in `round(8 * x) / 8`, so that places share models",
     UNASSIGNED_PARAMETER: "assign it in the axiom's block or on every path to this place",
 }
 

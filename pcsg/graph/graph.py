@@ -205,7 +205,7 @@ def content(node: Node) -> tuple[object, ...]:
     if isinstance(node, Attribute):
         return ("A", node.kind.name, node.reference, exprs)
     assert isinstance(node, Leaf)
-    return ("L", node.solid.name, exprs)
+    return ("L", node.solid.name, tuple(c.signature for c in node.constants), exprs)
 
 
 def _setting_content(setting: Setting) -> tuple[object, ...]:

@@ -23,7 +23,6 @@ from pcsg.graph.code import compose_affine
 from pcsg.graph.nodes import Leaf
 from pcsg.graph.operators import DIFFERENCE, INTERSECTION
 from pcsg.graph.states import LeafStep, OperationStep, StateGraph, StateStep, Step, UnaryStep
-from pcsg.leaf.registry import Solid
 from pcsg.vec import IDENTITY, Affine, Vec3
 
 Bounds = tuple[float, float, float, float, float, float]
@@ -82,7 +81,7 @@ class Hull:
         Operands of a union or an intersection; nothing for a primitive.
     is_intersection
         Whether the parts are intersected.
-    solid, args
+    leaf, args
         The primitive.
     wide
         Matrices (n, 12) and boxes (n, 6) of many parts, None for few.
@@ -93,7 +92,7 @@ class Hull:
     radius: float = INF
     parts: tuple[Part, ...] = ()
     is_intersection: bool = False
-    solid: type[Solid] | None = None
+    leaf: Leaf | None = None
     args: tuple[float, ...] = ()
     wide: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
@@ -133,7 +132,7 @@ class Hulls:
         self.tolerance = TOLERANCE
         self.expansions = 0
         self.capped = False
-        self._leaves: dict[tuple[type[Solid], tuple[float, ...]], Part | None] = {}
+        self._leaves: dict[tuple[object, ...], Part | None] = {}
         self._boxes: dict[tuple[int, Affine], Bounds] = {}
         self.parts: list[Part | None] = [None] * len(states.states)
         self.visits: list[list[tuple[Step, Part | None]]] = [[] for _ in states.states]
@@ -168,9 +167,9 @@ class Hulls:
         """Return the hull of a primitive, None where it is empty."""
         node = self.states.graph.nodes[step.node]
         assert isinstance(node, Leaf)
-        key = node.solid, step.args
+        key = node.solid, node.constants, step.args
         if key not in self._leaves:
-            self._leaves[key] = self._finish(Hull(solid=node.solid, args=step.args))
+            self._leaves[key] = self._finish(Hull(leaf=node, args=step.args))
         return self._leaves[key]
 
     def combine(self, step: OperationStep, operands: list[Part | None]) -> Part | None:
@@ -339,8 +338,8 @@ def join_all(boxes: Sequence[Bounds]) -> Bounds:
 
 def _bound(hull: Hull, w: Vec3) -> tuple[float, bool]:
     """Return an upper bound of the support, and whether it is the support itself."""
-    if hull.solid is not None:
-        return hull.solid.support(w, hull.args), True
+    if hull.leaf is not None:
+        return hull.leaf.support(w, hull.args), True
     box = hull.box
     total, axes = 0.0, 0
     for i in range(3):

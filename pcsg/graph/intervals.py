@@ -86,7 +86,8 @@ def _divide(a: Interval, b: Interval) -> Interval:
 def _mod(a: Interval, b: Interval) -> Interval:
     if is_point(b) and b[0] != 0.0 and math.isfinite(a[0]) and math.isfinite(a[1]):
         below, above = math.floor(a[0] / b[0]), math.floor(a[1] / b[0])
-        if below == above:
+        # A quotient that is rounded to zero has lost its sign.
+        if below == above and all(x == 0.0 or x / b[0] != 0.0 for x in a):
             return _clip(_out(a[0] - below * b[0], a[1] - below * b[0], 8), b)
     return min(b[0], 0.0), max(b[1], 0.0)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 
-from pcsg.graph.expr import Apply, Expr, Number, Parameter, operands, postorder
+from pcsg.graph.expr import Apply, Expr, Number, Parameter, as_expr, operands, postorder
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.graph import FRAME_SLOTS, Graph, expressions
 from pcsg.graph.nodes import Attribute, Calculation, Leaf, Selection, Transformation
@@ -34,6 +34,15 @@ def reads(*exprs: Expr) -> set[str]:
 def attribute_stores(node: Attribute) -> tuple[str, ...]:
     """Return the slots that an attribute assigns: the named thing first, then what is written."""
     return node.kind.slots[: len(node.args) + (node.kind.refers_to is not None)]
+
+
+def attribute_values(graph: Graph, node: Attribute) -> list[Expr]:
+    """Return what an attribute assigns to its slots."""
+    exprs = list(node.args)
+    if node.kind.refers_to:
+        number = graph.numbers_of(node.kind.refers_to).get(node.reference or "", -1)
+        exprs.insert(0, as_expr(float(number)))
+    return exprs
 
 
 class Liveness:

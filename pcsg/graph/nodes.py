@@ -25,7 +25,8 @@ from pcsg.graph.attributes import AttributeKind
 from pcsg.graph.expr import Expr, as_expr
 from pcsg.graph.operators import DIFFERENCE, INTERSECTION, UNION, Operator
 from pcsg.graph.transforms import Transform
-from pcsg.leaf.registry import Solid
+from pcsg.leaf.registry import Box, Constant, LeafParameter, Model, Solid
+from pcsg.vec import Vec3
 
 
 class Combinable:
@@ -213,6 +214,10 @@ class Attribute(Node):
         return (self.successor,)
 
 
+MODELS_KEPT = 64
+"""Models that a leaf remembers."""
+
+
 @dataclass(eq=False, slots=True)
 class Leaf(Node):
     """A primitive solid.
@@ -222,11 +227,55 @@ class Leaf(Node):
     solid
         Its class, with the kernels.
     args
-        Its arguments, defaults filled in.
+        Its arguments that are numbers, defaults filled in.
+    constants
+        Its constant arguments, such as files, for a leaf with data.
     """
 
     solid: type[Solid]
     args: tuple[Expr, ...] = ()
+    constants: tuple[Constant, ...] = ()
+    _models: dict[tuple[float, ...], Model] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def parameters(self) -> tuple[LeafParameter, ...]:
+        """The declarations of its numbers."""
+        return self.solid.parameters_of(self.constants)
+
+    @property
+    def is_sheet(self) -> bool:
+        """Whether it has a surface but no volume."""
+        return self.solid.sheet_of(self.constants)
+
+    @property
+    def primitives(self) -> int:
+        """What it counts for in primitive equivalents."""
+        return self.solid.primitives_of(self.constants)
+
+    def model(self, args: tuple[float, ...]) -> Model:
+        """Return the model of a leaf with data for values of its numbers.
+
+        Raises
+        ------
+        UsageError
+            There is none for these values.
+        """
+        found = self._models.get(args)
+        if found is None:
+            if len(self._models) >= MODELS_KEPT:
+                self._models.clear()
+            found = self._models[args] = self.solid.make_model(self.constants, args)
+        return found
+
+    def bounds_of(self, args: tuple[float, ...]) -> Box:
+        """Return a box that contains it with these arguments, in its own frame."""
+        return self.model(args).bounds if self.constants else self.solid.bounds_of(args)
+
+    def support(self, direction: Vec3, args: tuple[float, ...]) -> float:
+        """Return the largest ``p . direction`` over it with these arguments, or more."""
+        if self.constants:
+            return self.model(args).support(direction)
+        return self.solid.support(direction, args)
 
 
 def as_node(solid: Combinable) -> Node:
@@ -259,13 +308,16 @@ def combine(
 
 
 def leaf_node(
-    solid: type[Solid], args: Sequence[Expr | float], span: SourceSpan | None = None
+    solid: type[Solid],
+    args: Sequence[Expr | float],
+    span: SourceSpan | None = None,
+    constants: tuple[Constant, ...] = (),
 ) -> Leaf:
     """Return a leaf, with defaults for arguments that are missing."""
-    parameters = solid.parameters
+    parameters = solid.parameters_of(constants)
     least = sum(1 for p in parameters if p.default is None)
     if not least <= len(args) <= len(parameters):
         wanted = str(least) if least == len(parameters) else f"{least} to {len(parameters)}"
         raise UsageError(f"{solid.name} takes {wanted} argument(s), not {len(args)}")
     rest = [p.default for p in parameters[len(args) :] if p.default is not None]
-    return Leaf(solid, tuple(as_expr(a) for a in (*args, *rest)), span=span)
+    return Leaf(solid, tuple(as_expr(a) for a in (*args, *rest)), constants, span=span)

@@ -2,9 +2,9 @@
 
 The graph is interpreted with an interval for every parameter (Cousot and Cousot 1977, "Abstract
 interpretation"). An *entry* is a module together with those values of its selection-live
-parameters that are single numbers, such as a counter: entries follow the derivation level by
-level, and everything else is joined over all ways that lead to them. Fig 8's terrain of order 10
-has 23 entries.
+parameters that are single numbers and not drawn at random, such as a counter: entries follow the
+derivation level by level, and everything else is joined over all ways that lead to them. Fig 8's
+terrain of order 10 has 22 entries.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from itertools import product
 from typing import NamedTuple
 
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS, ATTRIBUTE_SLOTS
-from pcsg.graph.expr import Number, operands, postorder
+from pcsg.graph.expr import Number, functions_of, operands, parameters_of, postorder
+from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.graph import FRAME_SLOTS, GLOBALS, Graph, expressions
 from pcsg.graph.hulls import EMPTY, EVERYTHING, INF, Bounds, join
 from pcsg.graph.intervals import (
@@ -32,8 +33,8 @@ from pcsg.graph.intervals import (
     transform_intervals,
     transform_matrix,
 )
-from pcsg.graph.liveness import Liveness, successors_first
-from pcsg.graph.nodes import Calculation, Leaf, Operation, Selection, Transformation
+from pcsg.graph.liveness import Liveness, attribute_stores, attribute_values, successors_first
+from pcsg.graph.nodes import Attribute, Calculation, Leaf, Operation, Selection, Transformation
 from pcsg.graph.operators import DIFFERENCE, INTERSECTION, UNION, Operator
 from pcsg.graph.states import cuts
 from pcsg.vec import IDENTITY
@@ -102,19 +103,60 @@ def range_boxes(
     They contain all visits, whatever values the parameters take on the way.
     """
     for by_values in (True, False):
-        ranges = _Ranges(graph, by_values)
+        ranges = Ranges(graph, by_values)
         if ranges.run(globals_values):
             return ranges.boxes()
     boxes = [EVERYTHING] * len(graph.nodes)
     return boxes, EVERYTHING, EMPTY
 
 
-class _Ranges:
+def random_parameters(graph: Graph) -> set[str]:
+    """Return the parameters that random numbers, or places in the world, can flow into."""
+    assignments = [a for n in graph.nodes if isinstance(n, Calculation) for a in n.assignments]
+    drawn = {slot for slot in FRAME_SLOTS if graph.uses_frame}
+    changed = True
+    while changed:
+        changed = False
+        for name, expr in assignments:
+            if name not in drawn and (
+                parameters_of(expr) & drawn
+                or any(FUNCTIONS[f].form in _DRAWN for f in functions_of(expr))
+            ):
+                drawn.add(name)
+                changed = True
+    return drawn
+
+
+_DRAWN = (Form.RANDOM, Form.WORLD)
+
+
+class Ranges:
+    """The entries of a graph.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    by_values
+        Whether entries are told apart by the values of parameters that selections read, those left
+        out that are drawn at random.
+
+    Attributes
+    ----------
+    entries
+        All of them after `run`; the axiom's has the key `root`.
+    live
+        Names of the live slots of every node.
+    cuts
+        Nodes where entries begin.
+    """
+
     def __init__(self, graph: Graph, by_values: bool) -> None:
         self.graph = graph
         self.live = Liveness(graph).live
         selecting = Liveness(graph, selections_only=True).live if by_values else None
-        order = tuple(graph.slots)
+        drawn = random_parameters(graph)
+        order = tuple(n for n in graph.slots if n not in drawn)
         self.keyed = [
             tuple(n for n in order if n in selecting[k]) if selecting else ()
             for k in range(len(graph.nodes))
@@ -257,15 +299,10 @@ class _Ranges:
         if key[0] < 0 or not isinstance(node, Selection):
             self._walk(start, key, entry, opened=key[0])
             return
-        count = 0
-        lower, upper = ALL if node.select is None else evaluate(node.select, entry.values)
-        first = round(lower) if math.isfinite(lower) else lower
-        last = round(upper) if math.isfinite(upper) else upper
-        for number, rule in sorted(node.rules.items()):
-            if first <= number <= last:
-                self._walk(self.graph.number[rule], key, entry, opened=-1)
-                count += 1
-        entry.visits.append(_Visit(start, count, UNION))
+        rules = self.rules(key, entry.values)
+        for number in rules:
+            self._walk(self.graph.number[node.rules[number]], key, entry, opened=-1)
+        entry.visits.append(_Visit(start, len(rules), UNION))
 
     def _walk(self, start: int, home: Key, entry: _Entry, opened: int) -> None:
         graph = self.graph
@@ -280,7 +317,7 @@ class _Ranges:
             below = graph.successors[n]
             if n in self.cuts and n != opened:
                 passed = {name: values[name] for name in self.live[n] if name in values}
-                key = n, tuple(self._point(values, name) for name in self.keyed[n])
+                key = self.key(n, values)
                 entry.below.append((key, passed))
                 self.above.setdefault(key, {})[home] = None
                 entry.visits.append(_Visit(n, 0, entry=key))
@@ -288,7 +325,7 @@ class _Ranges:
             opened = -1
             if isinstance(node, Leaf):
                 args = [evaluate(e, values) for e in node.args]
-                entry.visits.append(_Visit(n, 0, extent=_leaf_extent(node, args)))
+                entry.visits.append(_Visit(n, 0, extent=leaf_extent(node, args)))
             elif isinstance(node, Operation):
                 stack.append(_Visit(n, len(below), node.operator))
                 stack.extend((s, values) for s in reversed(below))
@@ -302,16 +339,38 @@ class _Ranges:
                 stack.append((below[0], values))
             else:
                 if isinstance(node, Calculation):
-                    values = self._assigned(node, values)
+                    values = self.assigned(node, values)
+                elif isinstance(node, Attribute):
+                    values = self.attributed(node, values)
                 stack.append(_Visit(n, 1))
                 stack.append((below[0], values))
+
+    def key(self, n: int, values: Values) -> Key:
+        """Return the key of the entry that begins at a cut with these values."""
+        return n, tuple(self._point(values, name) for name in self.keyed[n])
+
+    def rules(self, key: Key, values: Values) -> list[int]:
+        """Return the numbers of the rules that a module's selection may take."""
+        node = self.graph.nodes[key[0]]
+        assert isinstance(node, Selection)
+        lower, upper = ALL if node.select is None else evaluate(node.select, values)
+        first = round(lower) if math.isfinite(lower) else lower
+        last = round(upper) if math.isfinite(upper) else upper
+        return [number for number in sorted(node.rules) if first <= number <= last]
+
+    def below(self, n: int, values: Values) -> list[Key]:
+        """Return the entries that an expression leads to directly."""
+        entry = _Entry(values)
+        self._walk(n, self.root, entry, opened=n)
+        return [key for key, _ in entry.below]
 
     @staticmethod
     def _point(values: Values, name: str) -> float | None:
         interval = values.get(name)
         return interval[0] if interval and is_point(interval) else None
 
-    def _assigned(self, node: Calculation, values: Values) -> Values:
+    def assigned(self, node: Calculation, values: Values) -> Values:
+        """Return the values below a calculation."""
         below = dict(values)
         for name, expr in node.assignments:
             below[name] = evaluate(expr, values if node.call else below)
@@ -319,19 +378,25 @@ class _Ranges:
 
     def boxes(self) -> tuple[list[Bounds], Bounds, Bounds]:
         """Return the boxes of all nodes, of the axiom, and of its bounded solids."""
-        extents = self._extents(bounded_only=False)
+        extents = self.extents(bounded_only=False)
         boxes = [EMPTY] * len(self.graph.nodes)
         for entry in self.entries.values():
             for visit, extent in self._measure(entry, extents, bounded_only=False):
                 boxes[visit.node] = join(boxes[visit.node], extent.box)
         scene = bounded = extents[self.root].box
         if any(map(math.isinf, scene)) and scene != EMPTY:
-            bounded = self._extents(bounded_only=True)[self.root].box
+            bounded = self.extents(bounded_only=True)[self.root].box
             if any(map(math.isinf, bounded)):
                 bounded = EMPTY
         return boxes, scene, bounded
 
-    def _extents(self, bounded_only: bool) -> dict[Key, Extent]:
+    def attributed(self, node: Attribute, values: Values) -> Values:
+        """Return the values below an attribute."""
+        args = attribute_values(self.graph, node)
+        found = [evaluate(expr, values) for expr in args]
+        return values | dict(zip(attribute_stores(node), found, strict=True))
+
+    def extents(self, bounded_only: bool = False) -> dict[Key, Extent]:
         """Measure all entries from below."""
         extents = dict.fromkeys(self.entries, _NOTHING)
         for component in reversed(self._components()):
@@ -397,16 +462,18 @@ class _Ranges:
         return found
 
 
-def _leaf_extent(node: Leaf, args: list[Interval]) -> Extent:
+def leaf_extent(node: Leaf, args: list[Interval]) -> Extent:
     """Return the extent of a primitive; bounds are monotone in every argument."""
     ends = []
-    for parameter, (lower, upper) in zip(node.solid.parameters, args, strict=True):
+    if node.constants and not all(map(is_point, args)):
+        return _ANYTHING
+    for parameter, (lower, upper) in zip(node.parameters, args, strict=True):
         ends.append((max(lower, parameter.low), min(upper, parameter.high)))
     box = EMPTY
     for corner in product(*ends):
         if not all(map(math.isfinite, corner)):
             return _ANYTHING
-        bounds = node.solid.bounds_of(corner)
+        bounds = node.bounds_of(corner)
         box = join(box, (*bounds.lower, *bounds.upper))
     return Extent(box, _reach(box))
 

@@ -14,16 +14,18 @@ equal.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from struct import Struct
 from typing import NamedTuple
 
-from pcsg.errors import Diagnostic
+from pcsg.errors import Diagnostic, UsageError
 from pcsg.graph.attributes import ATTRIBUTE_SLOTS
 from pcsg.graph.code import GraphCode, NodeFault, compose_affine, invert_affine
-from pcsg.graph.faults import DEPTH_LIMIT, fault_diagnostic
+from pcsg.graph.expr import functions_of, parameters_of
+from pcsg.graph.faults import BAD_ARGUMENT, DEPTH_LIMIT, TOO_MANY_MODELS, fault_diagnostic
+from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.graph import Graph
 from pcsg.graph.liveness import Liveness, successors_first
 from pcsg.graph.nodes import Leaf, Operation, Selection, Transformation
@@ -35,6 +37,9 @@ BUDGET = 4_000
 
 STEPS_PER_STATE = 10
 """The budget of node visits, per state of the budget of states."""
+
+MODELS_LIMIT, MODELS_BYTES = 64, 2 << 30
+"""Models of leaves with data whose numbers are not constants: most of them, and of their memory."""
 
 DIAGNOSTICS_LIMIT = 20
 """Faults that are reported; each place in the text once."""
@@ -96,6 +101,13 @@ class OperationStep(NamedTuple):
 
 
 Step = LeafStep | StateStep | UnaryStep | OperationStep
+
+
+class Start(NamedTuple):
+    """Where to begin: a node, and names and values of its live parameters."""
+
+    node: int
+    values: tuple[tuple[str, float], ...]
 
 
 @dataclass(slots=True)
@@ -196,6 +208,7 @@ def enumerate_states(
     globals_values: Mapping[str, float] | None = None,
     budget: int = BUDGET,
     depth_limit: int = 10_000,
+    starts: Sequence[Start] | None = None,
 ) -> StateGraph:
     """Unroll a graph over its states.
 
@@ -207,6 +220,8 @@ def enumerate_states(
         Most states; it bounds the visits to nodes too, by STEPS_PER_STATE each.
     depth_limit
         Most selections on a path.
+    starts
+        Where to begin in place of the axiom: state 0 is then their union.
 
     Returns
     -------
@@ -214,7 +229,7 @@ def enumerate_states(
         With `finite` False where the budget ended first, and with the faults met.
     """
     unroller = _Unroller(graph, globals_values, budget)
-    unroller.run()
+    unroller.run(starts)
     _check_depth(unroller.found, depth_limit)
     return unroller.found
 
@@ -238,13 +253,14 @@ class _Unroller:
         self.pending: list[int] = []
         self.pack = {k: Struct(f"{len(s)}d").pack for k, s in enumerate(self.liveness.slots)}
         self.reported: set[object] = set()
+        self.models: dict[tuple[object, ...], int] = {}  # bytes
         self.frame_mask = 1 << self.code.frame_slot if self.code.frame_slot >= 0 else 0
 
-    def run(self) -> None:
+    def run(self, starts: Sequence[Start] | None = None) -> None:
         """Expand states until none is left or the budget is spent."""
         states = self.found.states
         visits = 0
-        todo = [0]
+        todo = [0] if starts is None else self._begin(starts)
         while todo:
             k = todo.pop()
             self.pending.clear()
@@ -253,7 +269,24 @@ class _Unroller:
             todo.extend(reversed(self.pending))
             if todo and (len(states) > self.budget or visits > STEPS_PER_STATE * self.budget):
                 self.found.finite = False
+                self._check_models()
                 return
+
+    def _begin(self, starts: Sequence[Start]) -> list[int]:
+        """Make state 0 the union of what the starts lead to, and return those states."""
+        found = []
+        for start in starts:
+            params = self.unassigned.copy()
+            for name, value in start.values:
+                params[self.code.slots[name]] = value
+            found.append(self._intern(start.node, params, 0))
+        axiom = self.found.states[0]
+        arity = len(found)
+        items = (StateItem(IDENTITY, k) for k in found)
+        axiom.content = (*items, Combine(UNION, arity))
+        visits = (StateStep(start.node, k) for start, k in zip(starts, found, strict=True))
+        axiom.steps = (*visits, OperationStep(0, UNION, arity))
+        return list(dict.fromkeys(found))
 
     def _expand(self, k: int) -> None:
         """Fill in the content of a state."""
@@ -297,6 +330,8 @@ class _Unroller:
                     content.append(StateItem(matrix, child))
                 elif isinstance(node, Leaf):
                     args = code.leaf_arguments(n, params)
+                    if node.constants:
+                        self._count_model(n, node, args)
                     attributes = tuple(params[a] for a in self.attributes)
                     steps.append(LeafStep(n, args))
                     content.append(LeafItem(matrix, n, args, attributes))
@@ -336,6 +371,30 @@ class _Unroller:
             self.pending.append(k)
         return k
 
+    def _count_model(self, n: int, node: Leaf, args: tuple[float, ...]) -> None:
+        """Make the model of a leaf with data, and count those whose numbers differ by place."""
+        try:
+            model = node.model(args)
+        except UsageError as error:
+            raise NodeFault(BAD_ARGUMENT, n, None, str(error)) from None
+        key = node.solid, node.constants, args
+        if key in self.models or not _varies(node):
+            return
+        self.models[key] = model.data.nbytes
+        if len(self.models) > MODELS_LIMIT:
+            detail = f"its parameters take more than {MODELS_LIMIT} different values"
+            raise NodeFault(TOO_MANY_MODELS, n, None, detail)
+        if sum(self.models.values()) > MODELS_BYTES:
+            detail = f"{len(self.models)} of them need more than {MODELS_BYTES >> 30} GB"
+            raise NodeFault(TOO_MANY_MODELS, n, None, detail)
+
+    def _check_models(self) -> None:
+        """Report models that the states which were not enumerated may need."""
+        for n, node in enumerate(self.graph.nodes):
+            if isinstance(node, Leaf) and node.constants and _varies(node):
+                detail = "its parameters take more values than can be enumerated"
+                self._report(NodeFault(TOO_MANY_MODELS, n, None, detail), 0, self.initial)
+
     def _report(self, fault: NodeFault, k: int, params: list[float]) -> None:
         # One report for each place in the text, however many states meet it.
         place = (fault.kind, fault.node, fault.span)
@@ -349,6 +408,12 @@ class _Unroller:
                 fault.kind, self.graph, fault.node, fault.span, path, values, fault.detail
             )
         )
+
+
+def _varies(node: Leaf) -> bool:
+    """Return whether the numbers of a leaf depend on the place."""
+    world = any(FUNCTIONS[f].form is Form.WORLD for f in functions_of(*node.args))
+    return world or bool(parameters_of(*node.args))
 
 
 _SHARED_SIZE = 250

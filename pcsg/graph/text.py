@@ -127,7 +127,8 @@ def node_text(node: Node) -> str:
     if isinstance(node, Operation):
         return node.operator.symbols[0]
     assert isinstance(node, Leaf)
-    return call_text(node.solid.name, _given_args(node))
+    constants = ", ".join(c.text or "..." for c in node.constants)
+    return call_text(node.solid.name, _given_args(node), constants or None)
 
 
 def assignment_texts(node: Calculation) -> list[str]:
@@ -138,7 +139,7 @@ def assignment_texts(node: Calculation) -> list[str]:
 def _given_args(leaf: Leaf) -> Sequence[Expr]:
     """Return a leaf's arguments without those at the end that are the defaults."""
     count = len(leaf.args)
-    for parameter in reversed(leaf.solid.parameters[: len(leaf.args)]):
+    for parameter in reversed(leaf.parameters[: len(leaf.args)]):
         default = parameter.default
         if default is None or signature(leaf.args[count - 1]) != signature(Number(default)):
             break
@@ -146,8 +147,13 @@ def _given_args(leaf: Leaf) -> Sequence[Expr]:
     return leaf.args[:count]
 
 
-def to_pcsg(graph: Graph) -> str:
+def to_pcsg(graph: Graph, *, abridged: bool = False) -> str:
     """Return a graph as a grammar: the axiom, modules, definitions, settings.
+
+    Parameters
+    ----------
+    abridged
+        Write ``...`` for data that the language cannot say, such as a mesh given as arrays.
 
     Nodes that are reached from several places become definitions, with the names they have or
     with generated ones, so that reading the text gives an equal graph.
@@ -156,9 +162,23 @@ def to_pcsg(graph: Graph) -> str:
     ------
     UsageError
         The graph has what the language cannot say: a name that is reserved or used twice, a
-        cycle without a module, a module without rules or without a selection function.
+        cycle without a module, a module without rules or without a selection function, data
+        without a file.
     """
+    if not abridged:
+        _check_constants(graph)
     return _Writer(graph).write()
+
+
+def _check_constants(graph: Graph) -> None:
+    for node in graph.nodes:
+        for constant in node.constants if isinstance(node, Leaf) else ():
+            if constant.text is None:
+                assert isinstance(node, Leaf)
+                raise UsageError(
+                    f"a grammar cannot hold the data of this `{node.solid.name}`; "
+                    "save them to a file and name it"
+                )
 
 
 def reserved_names() -> frozenset[str]:

@@ -141,7 +141,7 @@ def check_sheets(graph: Graph) -> list[Diagnostic]:
     sheet_of: dict[int, Leaf] = {}
     pending: list[int] = []
     for k, node in enumerate(graph.nodes):
-        if isinstance(node, Leaf) and node.solid.sheet:
+        if isinstance(node, Leaf) and node.is_sheet:
             sheet_of[k] = node
             pending.append(k)
     if not pending:

@@ -11,7 +11,7 @@ from pcsg.leaf.registry import kernels
 
 
 def _ladder(method: str, arguments: str, default: str) -> Callable[..., Any]:
-    cases = [njit(contract=True)(plain) for plain in kernels(method)]
+    cases = [plain and njit(contract=True)(plain) for plain in kernels(method)]
     name = f"leaf_{method}"
     return build_ladder(name, "kind", arguments.split(), cases, default, contract=True)
 
@@ -27,3 +27,6 @@ leaf_inside = _ladder("inside", "p args at pool", "False")
 
 leaf_uv = _ladder("uv", "p args at pool", "(0.0, 0.0)")
 """``(kind, p, args, at, pool) -> (u, v)``"""
+
+leaf_attributes = _ladder("attributes", "p args at pool", "(-1.0, -1.0, -1.0, -1.0)")
+"""``(kind, p, args, at, pool) -> (red, green, blue, label)``: -1 where the leaf has none"""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from pcsg.leaf.registry import UNIT_BOX, Array, Pool, Solid, leaf
 from pcsg.leaf.registry import Box as Bounds
@@ -84,10 +83,12 @@ class Tetrahedron(Solid):
     in the order above.
     """
 
-    @classmethod
-    def support(cls, direction: Vec3, args: Sequence[float]) -> float:
-        x, y, z = direction
-        return max(x + y + z, z - x - y, x - y - z, y - z - x)
+    corners = (
+        Vec3(1.0, 1.0, 1.0),
+        Vec3(-1.0, -1.0, 1.0),
+        Vec3(1.0, -1.0, -1.0),
+        Vec3(-1.0, 1.0, -1.0),
+    )
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:

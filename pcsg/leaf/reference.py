@@ -21,7 +21,10 @@ sets. A sheet has a surface but no volume. A bad argument is a fault that names 
 
 def signature(solid: type[Solid]) -> str:
     """Return how a primitive is written, defaults included."""
-    names = [p.name if p.default is None else f"{p.name} = {p.default:g}" for p in solid.parameters]
+    names = [f'"{c.name}"' for c in solid.constants]
+    names += [
+        p.name if p.default is None else f"{p.name} = {p.default:g}" for p in solid.parameters
+    ]
     return f"{solid.name}({', '.join(names)})" if names else solid.name
 
 
@@ -51,7 +54,11 @@ def section(solid: type[Solid]) -> str:
     lines = [f"## `{signature(solid)}`", "", inspect.cleandoc(solid.__doc__ or ""), ""]
     if solid.aliases:
         lines.append(f"- also called: {', '.join(f'`{a}`' for a in solid.aliases)}")
+    lines += [f"- argument: {c.expected}" for c in solid.constants]
     lines += [f"- argument: {p.condition}" for p in solid.parameters]
+    if solid.constants:
+        lines.append("- kind, bounds and primitive equivalents: with the data")
+        return "\n".join(lines) + "\n"
     lines += [
         f"- kind: {kind}, counts as {solid.primitives} in primitive equivalents",
         f"- bounds: {_bounds(solid)}",

@@ -8,6 +8,12 @@ pool       tuple of float64, float32 and int32 arrays: constants such as mesh ve
 =========  =============================================================================
 
 They are compiled by the dispatch, not here, so that reading a grammar compiles nothing.
+
+A leaf with data declares constant arguments, such as the name of a file. They are read with the
+grammar; from them, and from the values of its numbers, `Solid.make_model` makes a `Model` in
+Python, whose arrays are placed in the pool. Its kernels see no numbers of the grammar:
+``args[at]``, ``args[at + 1]``, ``args[at + 2]`` say where its own float64, float32 and int32 arrays
+begin.
 """
 
 from __future__ import annotations
@@ -15,11 +21,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from functools import cached_property
+from itertools import zip_longest
+from operator import mul
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.errors import UsageError
 from pcsg.vec import Ray, Vec3
 
 Array = NDArray[np.float64]
@@ -28,6 +39,12 @@ Pool = tuple[Array, NDArray[np.float32], NDArray[np.int32]]
 ALL, FIRST, ANY = 0, 1, 2
 """What a caller wants: all inside intervals on the whole line, the first crossing in
 [tmin, tmax], or any."""
+
+OVERFLOW = -1
+"""What `Solid.crossings` returns where the array is too short for all of them."""
+
+MODEL_ARGS = 3
+"""Kernel arguments of a leaf with data: where its arrays begin in the pool."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +87,88 @@ class LeafParameter:
         return f"{left}{self.name}{right}"
 
 
+class Constant:
+    """A constant argument of a leaf, read once, such as the content of a file."""
+
+    @property
+    def signature(self) -> object:
+        """A value that is equal for, and only for, constants that are written alike."""
+        return id(self)
+
+    @property
+    def digest(self) -> str:
+        """What tells other content apart, for the digest of a scene."""
+        return ""
+
+    @property
+    def text(self) -> str | None:
+        """What stands in a grammar, None where the language cannot say it."""
+        return None
+
+
+@dataclass(frozen=True)
+class LeafConstant:
+    """The declaration of a constant argument, which stands before the numbers.
+
+    Attributes
+    ----------
+    name
+        For messages and the reference page.
+    expected
+        What must be written, in words.
+    """
+
+    name: str
+    expected: str
+
+
+class Data(NamedTuple):
+    """The arrays that a model places in the pool."""
+
+    doubles: Array
+    singles: NDArray[np.float32] = np.zeros(0, np.float32)
+    integers: NDArray[np.int32] = np.zeros(0, np.int32)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the arrays in bytes."""
+        return sum(a.nbytes for a in self)
+
+
+class Model:
+    """What a leaf with data is for given constants and numbers; built in Python.
+
+    Attributes
+    ----------
+    bounds
+        A box that contains this very model.
+    data
+        Its arrays, made when a ray first needs them.
+    """
+
+    bounds: Box
+
+    @cached_property
+    def data(self) -> Data:
+        """The arrays for the pool."""
+        raise NotImplementedError
+
+    def support(self, direction: Vec3) -> float:
+        """Return the largest ``p . direction`` over the model, or more; by default its box's."""
+        return support_of_box(self.bounds, direction)
+
+
+def support_of_box(box: Box, direction: Vec3) -> float:
+    """Return the largest ``p . direction`` over a box."""
+    total = 0.0
+    for d, lower, upper in zip(direction, box.lower, box.upper, strict=True):
+        if lower > upper:
+            return -math.inf
+        if d != 0.0:
+            total += d * (upper if d > 0.0 else lower)
+    return total
+
+
 class Solid:
     """What every leaf answers; see `registry` for the common arguments.
 
@@ -77,12 +176,18 @@ class Solid:
     ----------------
     aliases
         Other names in grammars.
+    constants
+        Constant arguments, which come first. A leaf that has them is one with data.
 
     Parameters
     ----------
-        In the order of the arguments.
+        Numbers, in the order of the arguments.
     bounds
         A box that contains the solid in its own frame, if that does not depend on arguments.
+    ball
+        Centre and radius of a ball that contains it; not given, the one around its box.
+    corners
+        Points whose convex hull contains it, where these are fewer than a box's.
     sheet
         True for a surface without volume: its intervals have length zero.
     primitives
@@ -92,8 +197,11 @@ class Solid:
     name: ClassVar[str]
     kind: ClassVar[int]
     aliases: ClassVar[tuple[str, ...]] = ()
+    constants: ClassVar[tuple[LeafConstant, ...]] = ()
     parameters: ClassVar[tuple[LeafParameter, ...]] = ()
     bounds: ClassVar[Box] = UNIT_BOX
+    ball: ClassVar[tuple[Vec3, float] | None] = None
+    corners: ClassVar[tuple[Vec3, ...]] = ()
     sheet: ClassVar[bool] = False
     primitives: ClassVar[int] = 1
 
@@ -105,14 +213,70 @@ class Solid:
     @classmethod
     def support(cls, direction: Vec3, args: Sequence[float]) -> float:
         """Return the largest ``p . direction`` over the solid, or more; by default its box's."""
-        box = cls.bounds_of(args)
-        total = 0.0
-        for d, lower, upper in zip(direction, box.lower, box.upper, strict=True):
-            if lower > upper:
-                return -math.inf
-            if d != 0.0:
-                total += d * (upper if d > 0.0 else lower)
-        return total
+        if cls.corners:
+            return max(math.fsum(map(mul, corner, direction)) for corner in cls.corners)
+        return support_of_box(cls.bounds_of(args), direction)
+
+    # For leaves with data.
+
+    @classmethod
+    def read_constant(cls, text: str, folder: Path) -> Constant:
+        """Return the constant that a text in quotes stands for.
+
+        Parameters
+        ----------
+        folder
+            What names of files are relative to.
+
+        Raises
+        ------
+        UsageError
+            What is wrong with the text, or with the file that it names.
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def take_arguments(cls, args: Sequence[Any]) -> tuple[tuple[Constant, ...], Sequence[Any]]:
+        """Split the arguments of a call in Python into constants and numbers.
+
+        Raises
+        ------
+        UsageError
+            A constant is missing or wrong.
+        """
+        count = len(cls.constants)
+        for declared, arg in zip_longest(cls.constants, args[:count]):
+            if not isinstance(arg, (str, Path)):
+                raise UsageError(f"{cls.name} takes {declared.expected} first")
+        return tuple(cls.read_constant(str(a), Path()) for a in args[:count]), args[count:]
+
+    @classmethod
+    def parameters_of(cls, constants: Sequence[Constant]) -> tuple[LeafParameter, ...]:
+        """Return the numbers that a leaf with these constants takes."""
+        return cls.parameters
+
+    @classmethod
+    def sheet_of(cls, constants: Sequence[Constant]) -> bool:
+        """Return whether a leaf with these constants is a sheet."""
+        return cls.sheet
+
+    @classmethod
+    def primitives_of(cls, constants: Sequence[Constant]) -> int:
+        """Return what a leaf with these constants counts for in primitive equivalents."""
+        return cls.primitives
+
+    @classmethod
+    def make_model(cls, constants: Sequence[Constant], args: Sequence[float]) -> Model:
+        """Return the model for constants and values of the numbers.
+
+        Raises
+        ------
+        UsageError
+            There is none for these values.
+        """
+        raise NotImplementedError
+
+    # Kernels.
 
     @staticmethod
     def crossings(
@@ -128,7 +292,11 @@ class Solid:
 
         For ALL: an even number, not decreasing, alternating enter and leave; unbounded solids
         write infinities, sheets an interval of length zero. `want` lets a leaf with many parts
-        stop early; a simple one always answers ALL.
+        stop early; a simple one always answers ALL. For FIRST and ANY intervals that end before
+        tmin may be left out, and so may those that begin behind tmax or behind the first one
+        (for ANY: any one) that does not; of an interval that begins before tmin the beginning,
+        and of one that begins in [tmin, tmax] the end need only lie on the right side of tmin.
+        `OVERFLOW` where the array is too short.
         """
         raise NotImplementedError
 
@@ -145,6 +313,15 @@ class Solid:
     @staticmethod
     def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
         """Return surface coordinates of a point of the surface, for textures."""
+        raise NotImplementedError
+
+    @staticmethod
+    def attributes(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float, float, float]:
+        """Return red, green, blue and label at a point of the surface; -1 for those it has not.
+
+        Only a leaf that has some of its own defines this. They stand below, hence before, what
+        attributes of the grammar set.
+        """
         raise NotImplementedError
 
 
@@ -167,6 +344,7 @@ def leaf(cls: L) -> L:
     return cls
 
 
-def kernels(method: str) -> list[Callable[..., Any]]:
-    """Return one static method of every leaf, in the order of their kinds."""
-    return [getattr(cls, method) for cls in LEAVES.values()]
+def kernels(method: str) -> list[Callable[..., Any] | None]:
+    """Return one static method of every leaf, in the order of their kinds; None where undefined."""
+    found = (getattr(cls, method) for cls in LEAVES.values())
+    return [None if kernel is getattr(Solid, method) else kernel for kernel in found]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from pcsg.jit import njit
 from pcsg.leaf.registry import Array, Pool, Solid, leaf
 from pcsg.leaf.registry import Box as Bounds
@@ -49,12 +47,8 @@ class Tri1(Solid):
     """
 
     bounds = Bounds((-EDGE, -EDGE, 0.0), (FAR, FAR, 0.0))
+    corners = (Vec3(-EDGE, -EDGE, 0.0), Vec3(FAR, -EDGE, 0.0), Vec3(-EDGE, FAR, 0.0))
     sheet = True
-
-    @classmethod
-    def support(cls, direction: Vec3, args: Sequence[float]) -> float:
-        x, y, _ = direction
-        return max(-EDGE * (x + y), FAR * x - EDGE * y, FAR * y - EDGE * x)
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
@@ -81,12 +75,8 @@ class Tri2(Solid):
     """
 
     bounds = Bounds((-FAR, -FAR, 0.0), (EDGE, EDGE, 0.0))
+    corners = (Vec3(EDGE, EDGE, 0.0), Vec3(-FAR, EDGE, 0.0), Vec3(EDGE, -FAR, 0.0))
     sheet = True
-
-    @classmethod
-    def support(cls, direction: Vec3, args: Sequence[float]) -> float:
-        x, y, z = direction
-        return Tri1.support(Vec3(-x, -y, z), args)
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:

@@ -55,6 +55,7 @@ class Sphere(Solid):
     """
 
     bounds = UNIT_BOX
+    ball = (Vec3(0.0, 0.0, 0.0), 1.0)
 
     @classmethod
     def support(cls, direction: Vec3, args: Sequence[float]) -> float:
@@ -147,6 +148,7 @@ class Cylinder(Solid):
     """
 
     bounds = Bounds((-1.0, -1.0, 0.0), (1.0, 1.0, 1.0))
+    ball = (Vec3(0.0, 0.0, 0.5), math.hypot(1.0, 0.5))
 
     @classmethod
     def support(cls, direction: Vec3, args: Sequence[float]) -> float:

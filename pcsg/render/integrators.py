@@ -6,7 +6,6 @@ batches, so batches can go to any thread in any order.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -85,15 +84,12 @@ class Start(NamedTuple):
         (N, 3)
     closed
         (N,) whether the ray ends at once.
-    inside
-        (N,) whether it begins inside of a solid.
     rays
         How many rays it took to find out.
     """
 
     origins: Floats
     closed: Bools
-    inside: Bools
     rays: int
 
 
@@ -117,59 +113,12 @@ def leave(tracer: Tracer, surface: Surface, scale: Floats, towards: Floats) -> S
     layered = inwards & (m.translucency > 0) & (m.transmission < 1) & ~m.sheet
     rows = np.flatnonzero(layered)
     if len(rows):
-        through = find_exits(tracer, origins[rows], towards[rows], scale[rows])
+        through = tracer.intersect(origins[rows], towards[rows], 0.0, np.inf)
         out = dots(through.normal, towards[rows])
         closed[rows] = ~(out > 0) | (through.material != surface.number[rows])
         away = step[rows, None] * through.normal
         origins[rows] = np.where(closed[rows, None], origins[rows], through.position + away)
-    # From behind, as the viewer sees it, a closed surface is left when the viewer is inside.
-    inside = np.where(m.leaving, ~inwards, inwards) & ~m.sheet
-    inside[rows] = False
-    return Start(origins, closed, inside, len(rows))
-
-
-def find_exits(tracer: Tracer, origins: Floats, directions: Floats, scale: Floats) -> Hits:
-    """Return the first crossings of rays that begin inside of solids.
-
-    Whether there is a crossing up to a distance is a quick question, which it is not through which
-    face. So the distance is found by asking, and the face by a ray that comes back from beyond it.
-
-    Parameters
-    ----------
-    scale
-        (N,) greatest coordinate or distance, to which errors are relative.
-    """
-    n = len(scale)
-    near, far = np.zeros(n), 1e-6 * scale
-    rows = np.arange(n)
-    for _ in range(_GROWTHS):
-        met = tracer.occluded(origins[rows], directions[rows], 0.0, far[rows])
-        rows = rows[~met]
-        if len(rows) == 0:
-            break
-        near[rows] = far[rows]
-        far[rows] *= 4.0
-    lost = rows
-    for _ in range(_HALVINGS):
-        middle = np.where(near > 0, np.sqrt(near * far), 0.25 * far)
-        met = tracer.occluded(origins, directions, 0.0, middle)
-        near, far = np.where(met, near, middle), np.where(met, middle, far)
-    beyond = origins + far[:, None] * directions
-    back = tracer.intersect(beyond, -directions, 0.0, far - near)
-    t = np.where(np.isfinite(back.t), far - back.t, np.inf)
-    t[lost] = np.inf
-    # What was not seen from beyond, because something else is there, takes its time.
-    unseen = np.setdiff1d(np.flatnonzero(~np.isfinite(t)), lost)
-    found = replace(back, t=t)
-    if len(unseen):
-        slow = tracer.intersect(origins[unseen], directions[unseen], 0.0, np.inf)
-        for name, values in vars(found).items():
-            values[unseen] = getattr(slow, name)
-    return found
-
-
-_GROWTHS, _HALVINGS = 24, 5
-"""Steps that find the distance of a crossing: 1e-6 to 1e8 of the scale, then to one in twenty."""
+    return Start(origins, closed, len(rows))
 
 
 def find_blocked(

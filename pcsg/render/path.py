@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcsg.render.integrators import Light, Purpose, Samples, find_blocked, find_exits, hazed, leave
+from pcsg.render.integrators import Light, Purpose, Samples, find_blocked, hazed, leave
 from pcsg.render.materials import Scattered, Surface
 from pcsg.render.sampler import Sampler
 from pcsg.render.stage import Stage
-from pcsg.render.tracer import Bools, Floats, Ints, merge_hits
-from pcsg.trace.hits import Hits
+from pcsg.render.tracer import Bools, Floats, Ints
 
 ROULETTE = 3
 """Surfaces after which paths end by chance."""
@@ -30,8 +29,8 @@ MANY = 6
 
 BLUR = 0.6
 """Least roughness of gloss that is seen by way of matt surfaces; by way of gloss, it is at least as
-rough as that. Light that a mirror or a lens gathers is blurred by it, instead of appearing as single
-white points (Kaplanyan and Dachsbacher 2013)."""
+rough as that. Light that a mirror or a lens gathers is blurred by it, instead of appearing as
+single white points (Kaplanyan and Dachsbacher 2013)."""
 
 
 class _Paths(NamedTuple):
@@ -53,10 +52,6 @@ class _Paths(NamedTuple):
         (N,) whether it met a matt surface.
     least
         (N,) least roughness of what is seen along it.
-    inside
-        (N,) whether its last piece begins inside of a solid.
-    scale
-        (N,) greatest coordinate or distance, to which errors are relative.
     """
 
     row: Ints
@@ -67,8 +62,6 @@ class _Paths(NamedTuple):
     chances: Floats
     matt: Bools
     least: Floats
-    inside: Bools
-    scale: Floats
 
     def take(self, rows: Ints) -> _Paths:
         """Return some of the paths."""
@@ -81,8 +74,6 @@ class _Paths(NamedTuple):
             self.chances[:, rows],
             self.matt[rows],
             self.least[rows],
-            self.inside[rows],
-            self.scale[rows],
         )
 
 
@@ -124,8 +115,6 @@ class Path:
             np.ones((lights, n)),
             np.zeros(n, dtype=bool),
             np.zeros(n),
-            np.zeros(n, dtype=bool),
-            np.ones(n),
         ).take(seen)
         hits, at = first, seen
         for depth in range(stage.bounces):
@@ -149,7 +138,7 @@ class Path:
             rays += more + more_rays + len(paths.row)
             if len(paths.row) == 0:
                 break
-            hits = self._intersect(paths)
+            hits = stage.tracer.intersect(paths.origins, paths.directions, 0.0, np.inf)
             rgb[paths.row] += paths.share * self._met_lights(paths, hits.t)
             at = np.flatnonzero(np.isfinite(hits.t))
             paths = paths.take(at)
@@ -157,18 +146,6 @@ class Path:
         rgb[missed] = backdrop[missed]
         rgb[seen] = hazed(stage, rgb[seen], first, seen, backdrop[seen])
         return Light(rgb, albedo, first, rays)
-
-    def _intersect(self, paths: _Paths) -> Hits:
-        tracer = self.stage.tracer
-        inside = np.flatnonzero(paths.inside)
-        if len(inside) == 0:
-            return tracer.intersect(paths.origins, paths.directions, 0.0, np.inf)
-        some = paths.take(inside)
-        found = find_exits(tracer, some.origins, some.directions, some.scale)
-        outside = np.flatnonzero(~paths.inside)
-        some = paths.take(outside)
-        other = tracer.intersect(some.origins, some.directions, 0.0, np.inf)
-        return merge_hits(len(paths.row), ((inside, found), (outside, other)))
 
     def _chances(self, position: Floats, depth: int) -> Floats:
         """Return (L, N) chances that each light is asked: all of them first, then one."""
@@ -267,8 +244,6 @@ class Path:
             chances[:, on],
             paths.matt[on] | (density < MATT),
             np.maximum(paths.least[on], spread),
-            start.inside[free],
-            scale[on],
         )
         return onward, start.rays
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -69,16 +69,6 @@ class RenderScene(Protocol):
     def setting_numbers(self, kind: str) -> Mapping[str, int]:
         """Return the number of every named setting of a kind."""
         ...
-
-
-def merge_hits(n: int, parts: Iterable[tuple[Ints, Hits]]) -> Hits:
-    """Return the hits of n rays from those of some of them each."""
-    columns: dict[str, Any] = {}
-    for rows, hits in parts:
-        for name, values in vars(hits).items():
-            column = columns.setdefault(name, np.empty((n, *values.shape[1:]), values.dtype))
-            column[rows] = values
-    return Hits(**columns)
 
 
 class GroundedTracer:

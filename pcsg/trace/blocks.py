@@ -1,7 +1,7 @@
 """Groups as small wide bounding volume hierarchies.
 
 Every group is opened: its largest instances are replaced by their references until there are
-about 64 (1,000 for the root), and a tree of blocks of four boxes is built over those. Cyclic
+about 64 (1,000 for the root), and a tree of blocks of eight boxes is built over those. Cyclic
 interpretation, the graph of states and opened cuts are one design with one knob, and more than
 this no longer helps.
 """
@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
+from pcsg.graph.bounds import pad
 from pcsg.graph.code import compose_affine, invert_affine
 from pcsg.graph.graph import Graph
+from pcsg.graph.hulls import EMPTY as EMPTY_BOX
 from pcsg.graph.hulls import Bounds, Hulls, Part
 from pcsg.graph.nodes import Leaf
-from pcsg.graph.states import StateGraph
-from pcsg.leaf.registry import Solid
+from pcsg.graph.states import StateGraph, StateItem
 from pcsg.trace.groups import (
     BLOCK,
     EMPTY,
@@ -33,9 +34,11 @@ from pcsg.trace.groups import (
     Reference,
     gather,
 )
-from pcsg.trace.simd import WIDTH
+from pcsg.trace.pool import ModelPool
+from pcsg.trace.rulebook import Fixture
+from pcsg.trace.simd import SINGLE, WIDTH
 from pcsg.trace.small import SmallOperation, flatten_operation
-from pcsg.vec import IDENTITY, Affine
+from pcsg.vec import IDENTITY, Affine, Vec3
 
 OPEN_ROOT, OPEN_GROUP = 1_000, 64
 """References up to which the root and the other groups are opened."""
@@ -52,9 +55,9 @@ class Blocks(NamedTuple):
 
     Attributes
     ----------
-    boxes : float64 (24 B,)
-        Lower x of four boxes, lower y, lower z, upper x, upper y, upper z.
-    refs : int32 (4 B,)
+    boxes : float32 (6 W B,)
+        Lower x of the W boxes of a block, lower y, lower z, upper x, upper y, upper z.
+    refs : int32 (W B,)
         ``index << 3 | kind`` of what is in the boxes.
     inverses : float64 (12 R,)
         target_from_group of references.
@@ -65,8 +68,10 @@ class Blocks(NamedTuple):
         Kind, first argument, whether it is a sheet, and node number of leaf records.
     args : float64
         Arguments of leaves.
-    attributes : float64 (7 L,)
-        Attribute values of leaf records.
+    attributes : float64 (7 (L + 1),)
+        Attribute values of leaf records, and those of nothing.
+    nodes : int64 (L + 1,)
+        Node numbers of leaf records, and -1.
     operations : int32
         Operator, number of operands, whether there are sheets below; then the operands' first
         blocks. The target of a reference is the index of the first of these.
@@ -76,19 +81,23 @@ class Blocks(NamedTuple):
         Their truth tables.
     root : int
         First block of the axiom.
+    box : (2, 3) float64
+        About the axiom.
     """
 
-    boxes: NDArray[np.float64]
+    boxes: NDArray[np.float32]
     refs: NDArray[np.int32]
     inverses: NDArray[np.float64]
     targets: NDArray[np.int32]
     leaves: NDArray[np.int32]
     args: NDArray[np.float64]
     attributes: NDArray[np.float64]
+    nodes: NDArray[np.int64]
     operations: NDArray[np.int32]
     smalls: NDArray[np.int32]
     tables: NDArray[np.uint64]
     root: int
+    box: NDArray[np.float64]
 
     @property
     def n_blocks(self) -> int:
@@ -115,19 +124,51 @@ class _Cut(NamedTuple):
     box: Bounds
 
 
-def build_blocks(graph: Graph, states: StateGraph) -> Blocks:
-    """Return the blocks of a finite acyclic state graph."""
+def build_blocks(graph: Graph, states: StateGraph, models: ModelPool | None = None) -> Blocks:
+    """Return the blocks of a finite acyclic state graph; models of its leaves go into a pool."""
     hulls = Hulls(states)
     hulls.tolerance = CUT_TOLERANCE
-    return _Builder(graph, gather(states, hulls), hulls).build()
+    return _Builder(graph, gather(states, hulls), hulls, models or ModelPool()).build()
+
+
+def build_fixtures(
+    graph: Graph, states: StateGraph, models: ModelPool
+) -> tuple[Blocks, list[Fixture]]:
+    """Return the blocks of a union of states, and each of these states by itself.
+
+    Attributes that come from outside are NaN.
+    """
+    hulls = Hulls(states)
+    hulls.tolerance = CUT_TOLERANCE
+    groups = gather(states, hulls)
+    builder = _Builder(graph, groups, hulls, models)
+    builder.defaults = (math.nan,) * len(ATTRIBUTE_DEFAULTS)
+    builder.wanted += [g for g in groups.parts if g >= 0]
+    blocks = builder.build()
+    starts = [item.state for item in states.states[0].content or () if isinstance(item, StateItem)]
+    fixtures = []
+    for state, group in zip(starts, groups.parts, strict=True):
+        part = hulls.parts[state]
+        if part is None or group < 0:
+            fixtures.append(Fixture(0, EMPTY_BOX, (0.0, 0.0, 0.0), 0.0))
+            continue
+        box = pad(hulls.box(part))
+        # The hull's own ball, where its frame is the state's.
+        center, radius = Vec3(0.0, 0.0, 0.0), math.inf
+        if part.outer_from_inner == IDENTITY:
+            center, radius = part.hull.center, part.hull.radius * (1.0 + 1e-12)
+        fixtures.append(Fixture(builder.first_block[group], box, center, radius))
+    return blocks, fixtures
 
 
 class _Builder:
-    def __init__(self, graph: Graph, groups: Groups, hulls: Hulls) -> None:
+    def __init__(self, graph: Graph, groups: Groups, hulls: Hulls, models: ModelPool) -> None:
         self.graph = graph
+        self.models = models
         self.groups = groups
         self.hulls = hulls
-        self.boxes: list[NDArray[np.float64]] = []
+        self.defaults: tuple[float, ...] = ATTRIBUTE_DEFAULTS
+        self.boxes: list[NDArray[np.float32]] = []
         self.refs: list[list[int]] = []
         self.inverses: list[Affine] = []
         self.targets: list[int] = []
@@ -236,30 +277,25 @@ class _Builder:
 
     def _build_tree(self, boxes: NDArray[np.float64], codes: list[int]) -> int:
         """Append blocks over boxes; return the first."""
+        tree = _BinaryTree(boxes)
         first = self._emit_block([], {})
-        stack = [(first, np.arange(len(codes)))]
+        stack = [(first, 0)]
         while stack:
-            block, members = stack.pop()
-            parts = [members]
-            while len(parts) < WIDTH:
-                wide = [k for k, p in enumerate(parts) if len(p) > 1]
-                if not wide:
-                    break
-                k = max(wide, key=lambda k: _area_of(boxes[parts[k]]))
-                parts[k : k + 1] = _split(boxes, parts[k])
+            block, node = stack.pop()
+            parts = tree.parts(node)
             content: dict[int, int] = {}
-            for k, p in enumerate(parts):
-                if len(p) == 1:
-                    content[k] = codes[p[0]]
+            for k, part in enumerate(parts):
+                if part in tree.items:
+                    content[k] = codes[tree.items[part]]
                 else:
                     below = self._emit_block([], {})
                     content[k] = below << 3 | BLOCK
-                    stack.append((below, p))
-            self._fill_block(block, [_hull(boxes[p]) for p in parts], content)
+                    stack.append((below, part))
+            self._fill_block(block, [tree.hulls[part] for part in parts], content)
         return first
 
     def _emit_block(self, boxes: list[NDArray[np.float64]], content: dict[int, int]) -> int:
-        self.boxes.append(np.zeros(0))
+        self.boxes.append(np.zeros(0, np.float32))
         self.refs.append([])
         self._fill_block(len(self.boxes) - 1, boxes, content)
         return len(self.boxes) - 1
@@ -271,7 +307,7 @@ class _Builder:
         planes[:3], planes[3:] = np.inf, -np.inf
         for k, box in enumerate(boxes):
             planes[:, k] = box
-        self.boxes[block] = planes.ravel()
+        self.boxes[block] = _round_outwards(planes).ravel()
         self.refs[block] = [content.get(k, EMPTY) for k in range(WIDTH)]
 
     def _arrays(self) -> Blocks:
@@ -279,13 +315,16 @@ class _Builder:
         args: list[float] = []
         attributes: list[float] = []
         for record in self.groups.leaves:
-            solid = self._solid(record.node)
-            leaves.append((solid.kind, len(args), int(solid.sheet), record.node))
-            args.extend(record.args)
+            leaf = self._leaf(record.node)
+            leaves.append((leaf.solid.kind, len(args), int(leaf.is_sheet), record.node))
+            if leaf.constants:
+                args.extend(self.models.place(leaf.model(record.args)))
+            else:
+                args.extend(record.args)
             # What no attribute node assigns is not live, so states do not know it.
             attributes.extend(
                 default if math.isnan(value) else value
-                for value, default in zip(record.attributes, ATTRIBUTE_DEFAULTS, strict=True)
+                for value, default in zip(record.attributes, self.defaults, strict=True)
             )
         operations: list[int] = []
         begins: dict[int, int] = {}
@@ -304,25 +343,31 @@ class _Builder:
             targets=np.array(self.targets or [0], np.int32),
             leaves=np.array(leaves or [(0, 0, 0, 0)], np.int32).ravel(),
             args=np.array(args or [0.0]),
-            attributes=np.array(attributes or ATTRIBUTE_DEFAULTS),
+            attributes=np.array([*attributes, *ATTRIBUTE_DEFAULTS]),
+            nodes=np.array([*(record.node for record in self.groups.leaves), -1]),
             operations=np.array(operations or [0], np.int32),
             smalls=np.array(self.smalls or [0], np.int32),
             tables=np.array(self.tables or [0], np.uint64),
             root=self.first_block.get(self.groups.root, 0),
+            box=self._box(),
         )
 
-    def _solid(self, number: int) -> type[Solid]:
+    def _box(self) -> NDArray[np.float64]:
+        root = self.groups.root
+        boxes = [self.hulls.box(r.hull) for r in self.groups.groups[root]] if root >= 0 else []
+        return _hull(np.array(boxes or [(0.0,) * 6])).reshape(2, 3)
+
+    def _leaf(self, number: int) -> Leaf:
         node = self.graph.nodes[number]
         assert isinstance(node, Leaf)
-        return node.solid
+        return node
 
     def _sheets(self) -> list[bool]:
         """Return for every operation whether there are sheets below it."""
         groups = self.groups
         has: dict[tuple[int, int], bool] = {}
         for k, record in enumerate(groups.leaves):
-            node = self.graph.nodes[record.node]
-            has[LEAF, k] = isinstance(node, Leaf) and node.solid.sheet
+            has[LEAF, k] = self._leaf(record.node).is_sheet
         # Groups and operations refer to what was found before them, or nearly: repeat until still.
         changed = True
         while changed:
@@ -338,6 +383,25 @@ class _Builder:
         return [has[OPERATION, k] for k in range(len(groups.operations))]
 
 
+_FARTHEST = 1e20
+"""A box that reaches farther has no end, so that single precision does not overflow."""
+
+
+def _round_outwards(planes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return lower and upper planes (6, W) in single precision, with room for its errors.
+
+    See `simd.prepare_ray`: the ray gives way for errors from its origin, boxes for those from their
+    own coordinates.
+    """
+    with np.errstate(invalid="ignore"):
+        room = np.abs(planes) * SINGLE
+        lower, upper = planes[:3] - room[:3], planes[3:] + room[3:]
+    # Boxes of nothing, from infinity to minus infinity, stay what they are.
+    lower = np.where(planes[:3] == np.inf, np.inf, np.where(lower < -_FARTHEST, -np.inf, lower))
+    upper = np.where(planes[3:] == -np.inf, -np.inf, np.where(upper > _FARTHEST, np.inf, upper))
+    return np.concatenate([lower, upper]).astype(np.float32)
+
+
 def _area(box: Bounds | NDArray[np.float64]) -> float:
     """Return half the surface of a box, infinite where the box is."""
     x, y, z = (max(0.0, box[k + 3] - box[k]) for k in range(3))
@@ -350,8 +414,78 @@ def _hull(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
 
 
-def _area_of(boxes: NDArray[np.float64]) -> float:
-    return _area(_hull(boxes))
+# Pairs of numbers of slots from 1 to WIDTH - 1 for two children, in the order of their sums.
+_PAIRS = sorted((i + j, i, j) for i in range(1, WIDTH) for j in range(1, WIDTH + 1 - i))
+_LEFT, _RIGHT = (np.array([pair[k] - 1 for pair in _PAIRS]) for k in (1, 2))
+_SUMS = np.array(
+    [next(n for n, pair in enumerate(_PAIRS) if pair[0] == k) for k in range(2, WIDTH + 1)]
+)
+
+
+class _BinaryTree:
+    """A binary tree over boxes, and the best way to make wide blocks of it.
+
+    The expected number of blocks that a ray visits is the sum of the blocks' areas over that of
+    the first one. What a node costs with at most k slots of the block above is found from the
+    leaves up (Wald, Benthin & Boulos 2008, Getting rid of packets).
+
+    Attributes
+    ----------
+    hulls
+        The box of every node; the root is node 0.
+    items
+        Which of the boxes a node is, for leaves.
+    """
+
+    def __init__(self, boxes: NDArray[np.float64]) -> None:
+        self.hulls: list[NDArray[np.float64]] = []
+        self.items: dict[int, int] = {}
+        self._children: dict[int, tuple[int, int]] = {}
+        stack = [(self._add(boxes), np.arange(len(boxes)))]
+        while stack:
+            node, members = stack.pop()
+            if len(members) == 1:
+                self.items[node] = int(members[0])
+                continue
+            halves = _split(boxes, members)
+            left, right = (self._add(boxes[half]) for half in halves)
+            self._children[node] = left, right
+            stack += [(left, halves[0]), (right, halves[1])]
+        self._costs = np.zeros((len(self.hulls), WIDTH))
+        for node in reversed(self._children):
+            self._weigh(node)
+
+    def _add(self, boxes: NDArray[np.float64]) -> int:
+        self.hulls.append(_hull(boxes))
+        return len(self.hulls) - 1
+
+    def _weigh(self, node: int) -> None:
+        """Find what a node costs with 1 to WIDTH slots."""
+        left, right = self._children[node]
+        pairs = self._costs[left][_LEFT] + self._costs[right][_RIGHT]
+        spread = np.minimum.reduceat(pairs, _SUMS)
+        # Unbounded boxes are always visited.
+        own = min(_area(self.hulls[node]), 1e300) + spread[-1]
+        self._costs[node, 0] = own
+        self._costs[node, 1:] = np.minimum(spread, own)
+
+    def parts(self, node: int) -> list[int]:
+        """Return the nodes that become the slots of a node's block, in order."""
+        if node in self.items:
+            return [node]
+        parts = []
+        stack = [(node, WIDTH, True)]
+        while stack:
+            node, slots, opened = stack.pop()
+            cost = self._costs[node]
+            if node in self.items or (not opened and (slots == 1 or cost[slots - 1] == cost[0])):
+                parts.append(node)
+                continue
+            left, right = self._children[node]
+            both = self._costs[left][: slots - 1] + self._costs[right][slots - 2 :: -1]
+            k = int(np.argmin(both)) + 1
+            stack += [(right, slots - k, False), (left, k, False)]
+        return parts
 
 
 def _split(

@@ -2,69 +2,83 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.jit import njit
-from pcsg.leaf.registry import ANY, Pool
-from pcsg.trace.kernel import find_exit, find_first
+from pcsg.leaf.dispatch import leaf_normal
+from pcsg.leaf.registry import Pool
+from pcsg.trace.found import Found
+from pcsg.trace.kernel import Extent, find_exit, find_first
 from pcsg.trace.small import ENTRY, HEADER
-from pcsg.trace.surface import Surface, describe_hit
-from pcsg.trace.traversal import HIT, HIT_PATH, INSIDE, SLOT, UNDECIDED, Scratch, T, Trees
-from pcsg.vec import IDENTITY, Ray, compose, load_affine, transform_ray
+from pcsg.trace.traversal import HIT, HIT_PATH, INSIDE, SLOT, Scratch, T, Trees, wide
+from pcsg.vec import Ray, Vec3, load_affine, normalize, transform_normal, transform_ray
+
+OK, BAD_RAY = 0, 1
 
 _DIFFERENCE = DIFFERENCE.kind
 
 
-@njit
-def _describe(
-    trees: Trees,
-    pool: Pool,
-    scratch: Scratch,
-    attributes: NDArray[np.float64],
-    world: Ray,
-    i: int,
-    out: Surface,
-) -> None:
-    """Follow the path to the first hit and work out the surface there."""
+@njit(inline=True)
+def _is_sound(ray: Ray) -> bool:
+    """Return whether a ray is finite, is going anywhere, and has limits."""
+    # Infinity less itself is not a number.
+    total = ray.ox + ray.oy + ray.oz + ray.dx + ray.dy + ray.dz
+    still = ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0
+    return total - total == 0.0 and not still and ray.tmin == ray.tmin and ray.tmax == ray.tmax
+
+
+@njit(inline=True)
+def _miss(out: Found, i: int) -> None:
+    """Write that ray i meets nothing."""
+    out.t[i] = math.inf
+    out.record[i] = -1
+    for k in range(3):
+        out.position[i, k] = 0.0
+        out.normal[i, k] = 0.0
+
+
+@njit(inline=True)
+def _describe(trees: Trees, pool: Pool, scratch: Scratch, world: Ray, i: int, out: Found) -> None:
+    """Follow the path to the first hit, work out the normal there, and take it back."""
     paths = scratch.paths
-    m = IDENTITY
     ray = world
-    flip = 0
+    flip = False
     before = 0
-    for k in range(paths[HIT_PATH]):
-        step = paths[HIT_PATH + 1 + k]
+    steps = wide(paths[HIT_PATH])
+    for k in range(steps):
+        step = wide(paths[HIT_PATH + 1 + k])
         if step <= SLOT:
-            entry = trees.targets[before] + HEADER + ENTRY * (SLOT - step)
-            if trees.smalls[entry + 2] == 1:
-                flip = 1 - flip
-            continue
-        if step < 0:
+            entry = wide(trees.targets[before]) + HEADER + ENTRY * (SLOT - step)
+            flip = flip != (trees.smalls[entry + 2] == 1)
+        elif step < 0:
             if step < -1 and trees.operations[trees.targets[before]] == _DIFFERENCE:
-                flip = 1 - flip
-            continue
-        inverse = load_affine(trees.inverses, 12 * step)
-        m = compose(inverse, m)
-        ray = transform_ray(inverse, ray)
-        before = step
-    leaf = trees.targets[before]
-    describe_hit(
-        out,
-        i,
-        world,
-        scratch.small[T],
-        trees.leaves[4 * leaf + 3],
-        trees.leaves[4 * leaf],
-        ray,
-        trees.args,
-        trees.leaves[4 * leaf + 1],
-        pool,
-        m,
-        flip,
-        attributes,
-        out.attributes.shape[1] * leaf,
-    )
+                flip = not flip
+        else:
+            ray = transform_ray(load_affine(trees.inverses, 12 * step), ray)
+            before = step
+    leaf = wide(trees.targets[before])
+    t = scratch.small[T]
+    p = Vec3(ray.ox + t * ray.dx, ray.oy + t * ray.dy, ray.oz + t * ray.dz)
+    n = leaf_normal(trees.leaves[4 * leaf], p, trees.args, trees.leaves[4 * leaf + 1], pool)
+    if flip:
+        n = Vec3(-n.x, -n.y, -n.z)
+    for k in range(steps):
+        step = wide(paths[HIT_PATH + steps - k])
+        if step >= 0:
+            n = transform_normal(load_affine(trees.inverses, 12 * step), n)
+    n = normalize(n)
+    out.t[i] = t
+    out.record[i] = leaf
+    out.position[i, 0] = world.ox + t * world.dx
+    out.position[i, 1] = world.oy + t * world.dy
+    out.position[i, 2] = world.oz + t * world.dz
+    for k in range(3):
+        out.normal[i, k] = n[k]
+        out.local[i, k] = p[k]
 
 
 @njit(entry=True)
@@ -72,8 +86,8 @@ def find_batch(
     trees: Trees,
     pool: Pool,
     scratch: Scratch,
-    attributes: NDArray[np.float64],
     root: int,
+    extent: Extent,
     want: int,
     origins: NDArray[np.float64],
     directions: NDArray[np.float64],
@@ -81,21 +95,29 @@ def find_batch(
     t_max: NDArray[np.float64],
     begin: int,
     end: int,
-    surface: Surface,
-    found: NDArray[np.int8],
-) -> None:
+    found: Found,
+    answers: NDArray[np.int8],
+) -> int:
     """Find the first crossings of rays [begin, end).
 
     Parameters
     ----------
-    root, want
+    root, extent, want
         As in `find_first`.
-    surface
-        Receives the surfaces; empty where nobody asks for them.
+    t_min, t_max
+        As in `Rays`.
     found
+        Receives the surfaces; empty where nobody asks for them.
+    answers
         Receives HIT, MISS or UNDECIDED for every ray.
+
+    Returns
+    -------
+    int
+        OK, or BAD_RAY where a ray is zero, or not finite, or without limits.
     """
-    describe = len(surface.t) > 0
+    describe = len(found.t) > 0
+    own_min, own_max = len(t_min) > 1, len(t_max) > 1
     for i in range(begin, end):
         ray = Ray(
             origins[i, 0],
@@ -104,14 +126,18 @@ def find_batch(
             directions[i, 0],
             directions[i, 1],
             directions[i, 2],
-            t_min[i],
-            t_max[i],
+            t_min[i if own_min else 0],
+            t_max[i if own_max else 0],
         )
-        result = find_first(trees, pool, scratch, root, want, ray)
+        if not _is_sound(ray):
+            return BAD_RAY
+        result = find_first(trees, pool, scratch, root, extent, want, ray)
         if result == INSIDE:
-            # Whether it gets out is a question; through which of coinciding faces, only lists say.
-            leaves = want == ANY
-            result = find_exit(trees, pool, scratch, root, ray) if leaves else UNDECIDED
-        found[i] = result
-        if result == HIT and describe:
-            _describe(trees, pool, scratch, attributes, ray, i, surface)
+            result = find_exit(trees, pool, scratch, root, want, ray)
+        answers[i] = result
+        if describe:
+            if result == HIT:
+                _describe(trees, pool, scratch, ray, i, found)
+            else:
+                _miss(found, i)
+    return OK

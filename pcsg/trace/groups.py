@@ -17,8 +17,9 @@ from pcsg.graph.operators import UNION, Operator
 from pcsg.graph.states import Combine, LeafItem, LeafStep, OperationStep, StateGraph, StateItem
 from pcsg.vec import IDENTITY, Affine
 
-BLOCK, INSTANCE, LEAF, OPERATION, SMALL, EMPTY = 0, 1, 2, 3, 4, 7
-"""Kinds of references. SMALL is an operation as a truth table, BLOCK leads to further references;
+BLOCK, INSTANCE, LEAF, OPERATION, SMALL, SUSPENDED, LAZY_LEAF, EMPTY = range(8)
+"""Kinds of references. SMALL is an operation as a truth table, BLOCK leads to further references,
+SUSPENDED to a state that is made on demand (`slots`), whose primitives are LAZY_LEAF;
 groups themselves have neither."""
 
 
@@ -42,11 +43,18 @@ class Reference(NamedTuple):
 
 
 class LeafRecord(NamedTuple):
-    """A leaf with everything that does not depend on the place."""
+    """A leaf with everything that does not depend on the place.
+
+    Attributes
+    ----------
+    has_data
+        Whether it is a leaf with data, which a ray may cross any number of times.
+    """
 
     node: int
     args: tuple[float, ...]
     attributes: tuple[float, ...]
+    has_data: bool = False
 
 
 class OperationRecord(NamedTuple):
@@ -68,12 +76,15 @@ class Groups:
         What references point at.
     root
         The group of the axiom, -1 if it is empty.
+    parts
+        The groups of the states that the axiom is made of, in order; -1 for empty ones.
     """
 
     groups: list[tuple[Reference, ...]] = field(default_factory=list)
     operations: list[OperationRecord] = field(default_factory=list)
     leaves: list[LeafRecord] = field(default_factory=list)
     root: int = -1
+    parts: list[int] = field(default_factory=list)
 
 
 def gather(states: StateGraph, hulls: Hulls) -> Groups:
@@ -94,6 +105,10 @@ class _Gatherer:
             self.of_state[k] = self._expand(k)
         if self.of_state[0]:
             self.found.root = self._group(self.of_state[0])
+        for item in self.states.states[0].content or ():
+            if isinstance(item, StateItem):
+                refs = self.of_state[item.state]
+                self.found.parts.append(self._group(refs) if refs else -1)
         return self.found
 
     def _expand(self, k: int) -> tuple[Reference, ...]:
@@ -117,7 +132,7 @@ class _Gatherer:
         assert isinstance(node, Leaf)
         if part is None or node.solid.primitives == 0:
             return ()
-        record = LeafRecord(item.node, item.args, item.attributes)
+        record = LeafRecord(item.node, item.args, item.attributes, bool(node.constants))
         key = ("leaf", record)
         if key not in self.known:
             self.known[key] = len(self.found.leaves)

@@ -1,6 +1,6 @@
 """Rays through blocks: the fast engine.
 
-Ordered traversal of four-wide blocks; an instance maps the ray into its group's frame and goes on
+Ordered traversal of wide blocks; an instance maps the ray into its group's frame and goes on
 at its first block. Below unions only, t shrinks to the first crossing; an operation is stepped
 through by questions (`question`).
 
@@ -11,12 +11,14 @@ walker: `UNDECIDED`.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from pcsg.jit import njit
-from pcsg.leaf.registry import ANY, Pool
+from pcsg.leaf.registry import ANY, OVERFLOW, Pool
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.merge import tolerance
 from pcsg.trace.question import ask, is_subtracted, settle_exit
+from pcsg.trace.simd import WIDTH, stay_apart
 from pcsg.trace.traversal import (
     ENDS,
     HIT,
@@ -31,29 +33,49 @@ from pcsg.trace.traversal import (
     Scratch,
     T,
     Trees,
+    choose_beginning,
     comes_first,
     copy_path,
     cross_reference,
     keep_surface,
+    load_beginning,
     load_ray,
     make_slabs,
     meet_block,
+    place,
     precedes,
     push_references,
     store_ray,
     wide,
 )
-from pcsg.vec import Ray, load_affine, transform_ray
+from pcsg.vec import Ray, Vec3, load_affine, transform_ray
 
 
-@njit(contract=True)
-def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int, world: Ray) -> int:
+class Extent(NamedTuple):
+    """Where the boxes of a scene are.
+
+    Attributes
+    ----------
+    middle
+        Of their hull.
+    reach
+        Rays whose origin is farther away begin near the middle.
+    """
+
+    middle: Vec3
+    reach: float
+
+
+@njit(contract=True, inline=True)
+def find_first(
+    trees: Trees, pool: Pool, scratch: Scratch, root: int, extent: Extent, want: int, world: Ray
+) -> int:
     """Find the first crossing of a ray in [tmin, tmax].
 
     Parameters
     ----------
-    root
-        First block of the axiom's group.
+    root, extent
+        First block of the axiom's group, and where its boxes are.
     want
         FIRST, or ANY for any crossing.
 
@@ -64,7 +86,7 @@ def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int,
         ray starts in a solid, or UNDECIDED where only lists can tell.
     """
     entry_t, entry_ref, rays = scratch.entry_t, scratch.entry_ref, scratch.rays
-    paths, small = scratch.paths, scratch.small
+    paths, small, entries = scratch.paths, scratch.small, scratch.entries
     ray = world
     touch = world.tmin + tolerance(world.tmin)
     near = world.tmin - 2.0 * tolerance(world.tmin)
@@ -76,8 +98,13 @@ def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int,
     at_level = 0
     code = wide(root) << 3 | BLOCK
     paths[HIT_PATH] = 0
-    store_ray(rays, 0, ray)
-    slabs = make_slabs(ray)
+    ordered = want != ANY
+    entry = near
+    about = 0.0
+    if abs(ray.ox) + abs(ray.oy) + abs(ray.oz) > extent.reach:
+        about = choose_beginning(approach(ray, extent.middle), near)
+    store_ray(rays, 0, ray, about)
+    slabs = make_slabs(ray, about, scratch.slabs)
     while True:
         kind = code & 7
         index = code >> 3
@@ -86,33 +113,46 @@ def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int,
             block = index
             if kind == INSTANCE or at_level != present:
                 ray = load_ray(rays, at_level)
+                about = load_beginning(rays, at_level)
                 present = at_level
                 if kind == INSTANCE:
                     if at_level + 4 >= MAX_DEPTH:
                         return UNDECIDED
-                    paths[at_level] = index
+                    paths[place(at_level)] = index
                     ray = transform_ray(load_affine(trees.inverses, 12 * index), ray)
                     present = at_level + 1
-                    store_ray(rays, present, ray)
-                    block = wide(trees.targets[index])
+                    about = choose_beginning(entry, near)
+                    store_ray(rays, present, ray, about)
+                    block = wide(trees.targets[place(index)])
                     scratch.visits[1] += 1
-                slabs = make_slabs(ray)
+                slabs = make_slabs(ray, about, scratch.slabs)
             scratch.visits[0] += 1
-            met = meet_block(trees.boxes, block, slabs, near, far, small)
+            met = meet_block(trees.boxes, block, slabs, near, far, scratch)
             if met != NONE:
-                if top >= STACK - 8:
+                if top >= STACK - WIDTH:
                     return UNDECIDED
                 found = True
-                code, top = push_references(
-                    trees.refs, block, met, small, entry_t, entry_ref, present, top
+                code, entry, top = push_references(
+                    trees.refs,
+                    block,
+                    met,
+                    entries,
+                    slabs,
+                    entry_t,
+                    entry_ref,
+                    present,
+                    top,
+                    ordered,
                 )
                 at_level = present
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
             n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level))
+            if n == OVERFLOW:
+                return UNDECIDED
             for k in range(ENDS, n, 2):
-                lo, hi = small[k], small[k + 1]
-                if kind == LEAF and trees.leaves[4 * trees.targets[index] + 2] == 1:
+                lo, hi = small[place(k)], small[place(k + 1)]
+                if kind == LEAF and is_sheet(trees, index):
                     if lo < world.tmin:
                         continue
                 elif hi < near or hi <= lo:
@@ -133,45 +173,26 @@ def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int,
                     keep_surface(trees, scratch, at_level, kind, index, k, HIT_PATH)
                 break
         elif kind == OPERATION:
-            ray = load_ray(rays, at_level)
-            state, u = ask(trees, pool, scratch, code, ray, near, far, top, at_level)
-            if state == UNDECIDED or u <= touch:
-                return UNDECIDED
-            if state == 1:
-                return INSIDE
-            held = PATH * (MAX_DEPTH - 1)
-            while state == 0 and u <= far and u < math.inf:
-                t = u
-                copy_path(paths, PATH * (at_level + 1), held)
-                state, u = ask(trees, pool, scratch, code, ray, t, far, top, at_level)
-                if state == UNDECIDED:
-                    return UNDECIDED
-                if state == 1 and is_subtracted(trees, paths, held):
-                    sure, t = settle_exit(trees, pool, scratch, code, ray, t, top, at_level, 1)
-                    # The question has left the reversed ray there.
-                    store_ray(rays, at_level, ray)
-                    if not sure:
-                        return UNDECIDED
-                    copy_path(paths, PATH * (at_level + 1), held)
-                e = tolerance(t)
-                if state == 1 and (
-                    hit == MISS
-                    or t < best - e
-                    or (t <= best + e and precedes(paths, held, HIT_PATH))
-                ):
-                    hit = HIT
-                    best = t
-                    far = min(world.tmax, best + e)
-                    copy_path(paths, held, HIT_PATH)
+            answer, t = step_operation(
+                trees, pool, scratch, code, entry, top, at_level, touch, near, far, hit, best
+            )
+            if answer == HIT:
+                hit = HIT
+                best = t
+                far = min(world.tmax, best + tolerance(best))
+            elif answer != MISS:
+                return answer
         if hit == HIT and want == ANY:
             # Only a solid about the start could still hide it.
             far = min(far, touch)
         if not found:
             while top > 0:
                 top -= 1
-                if entry_t[top] <= far:
-                    code = entry_ref[top] >> 8
-                    at_level = entry_ref[top] & 255
+                entry = entry_t[place(top)]
+                if entry <= far:
+                    waits = entry_ref[place(top)]
+                    code = waits >> 8
+                    at_level = waits & 255
                     found = True
                     break
             if not found:
@@ -179,21 +200,116 @@ def find_first(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int,
                 return hit
 
 
-@njit(contract=True)
-def find_exit(trees: Trees, pool: Pool, scratch: Scratch, root: int, world: Ray) -> int:
-    """Find whether a ray that starts in a solid leaves the union in [tmin, tmax].
+@njit(inline=True)
+def approach(ray: Ray, p: Vec3) -> float:
+    """Return about where a ray comes nearest to a point; not finite where squares overflow."""
+    along = (p.x - ray.ox) * ray.dx + (p.y - ray.oy) * ray.dy + (p.z - ray.oz) * ray.dz
+    return along / (ray.dx * ray.dx + ray.dy * ray.dy + ray.dz * ray.dz)
 
-    Arguments as for `find_first`; HIT, MISS or UNDECIDED.
+
+@njit(inline=True)
+def is_sheet(trees: Trees, index: int) -> bool:
+    """Return whether a reference leads to a sheet."""
+    return bool(trees.leaves[place(4 * wide(trees.targets[place(index)]) + 2)] == 1)
+
+
+@njit(contract=True)
+def step_operation(
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    code: int,
+    entry: float,
+    top: int,
+    level: int,
+    touch: float,
+    near: float,
+    far: float,
+    hit: int,
+    best: float,
+) -> tuple[int, float]:
+    """Step through an operation by questions, to the first crossing before the best one so far.
+
+    Parameters
+    ----------
+    code, entry, level
+        The reference to the operation, where the ray enters its box, and the level of the ray.
+    top
+        Where the free part of the stack begins.
+    touch, near, far
+        Where the ray begins, with what coincides with its beginning, and how far it matters.
+    hit, best
+        HIT if there is a hit so far, and where.
+
+    Returns
+    -------
+    answer, t
+        HIT with the t of a better one, whose path is then kept at `HIT_PATH`; MISS, INSIDE or
+        UNDECIDED.
     """
+    stay_apart()
+    paths = scratch.paths
+    ray = load_ray(scratch.rays, level)
+    about = load_beginning(scratch.rays, level)
+    entry = choose_beginning(entry, near)
+    state, u = ask(trees, pool, scratch, code, ray, near, far, entry, top, level)
+    if state == UNDECIDED or u <= touch:
+        return UNDECIDED, best
+    if state == 1:
+        return INSIDE, best
+    held = PATH * (MAX_DEPTH - 1)
+    answer = MISS
+    while state == 0 and u <= far and u < math.inf:
+        t = u
+        copy_path(paths, PATH * (level + 1), held)
+        state, u = ask(trees, pool, scratch, code, ray, t, far, t, top, level)
+        if state == UNDECIDED:
+            return UNDECIDED, best
+        if state == 1 and is_subtracted(trees, paths, held):
+            sure, t = settle_exit(trees, pool, scratch, code, ray, t, top, level, 1)
+            if not sure:
+                return UNDECIDED, best
+            copy_path(paths, PATH * (level + 1), held)
+        e = tolerance(t)
+        if state == 1 and (
+            hit == MISS or t < best - e or (t <= best + e and precedes(paths, held, HIT_PATH))
+        ):
+            copy_path(paths, held, HIT_PATH)
+            best = t
+            answer = HIT
+            break
+    # Questions have left rays of their own at this level.
+    store_ray(scratch.rays, level, ray, about)
+    return answer, best
+
+
+@njit(contract=True)
+def find_exit(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int, world: Ray) -> int:
+    """Find where a ray that starts in a solid leaves the union in [tmin, tmax].
+
+    Arguments and answers as for `find_first`, without INSIDE; for ANY there is no path.
+    """
+    stay_apart()
+    paths = scratch.paths
     code = wide(root) << 3 | BLOCK
     t = world.tmin - 2.0 * tolerance(world.tmin)
     touch = world.tmin + tolerance(world.tmin)
-    state, u = ask(trees, pool, scratch, code, world, t, world.tmax, 0, 0)
+    held = PATH * (MAX_DEPTH - 1)
+    state, u = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
     if state != 1 or u <= touch:
         return UNDECIDED
     while state == 1 and u <= world.tmax and u < math.inf:
         t = u
-        state, u = ask(trees, pool, scratch, code, world, t, world.tmax, 0, 0)
-    if state == UNDECIDED:
-        return UNDECIDED
-    return HIT if state == 0 else MISS
+        copy_path(paths, PATH, held)
+        state, u = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
+    if state != 0:
+        return MISS if state == 1 else UNDECIDED
+    if want != ANY:
+        if not is_subtracted(trees, paths, held):
+            sure, t = settle_exit(trees, pool, scratch, code, world, t, 0, 0, 0)
+            if not sure:
+                return UNDECIDED
+            copy_path(paths, PATH, held)
+        copy_path(paths, held, HIT_PATH)
+        scratch.small[T] = t
+    return HIT

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.jit import njit
-from pcsg.leaf.registry import Pool
+from pcsg.leaf.registry import OVERFLOW, Pool
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.merge import tolerance
+from pcsg.trace.simd import WIDTH
 from pcsg.trace.traversal import (
     ENDS,
     FRAME,
@@ -30,10 +31,12 @@ from pcsg.trace.traversal import (
     UNDECIDED,
     Scratch,
     Trees,
+    choose_beginning,
     comes_first,
     copy_path,
     cross_reference,
     keep_surface,
+    load_beginning,
     load_ray,
     make_slabs,
     meet_block,
@@ -56,6 +59,7 @@ def ask(
     ray: Ray,
     t: float,
     limit: float,
+    entry: float,
     base: int,
     level: int,
 ) -> tuple[int, float]:
@@ -67,6 +71,8 @@ def ask(
         A block or an operation, in the ray's frame.
     limit
         Nothing beyond is of interest.
+    entry
+        About where the ray enters what the reference leads to.
     base, level
         Where the free parts of the stack and of the levels begin.
 
@@ -78,7 +84,8 @@ def ask(
     """
     entry_t, entry_ref, rays = scratch.entry_t, scratch.entry_ref, scratch.rays
     paths, small, frames, limits = scratch.paths, scratch.small, scratch.frames, scratch.limits
-    if level + 4 >= MAX_DEPTH or base >= STACK - 64:
+    entries = scratch.entries
+    if level + 4 >= MAX_DEPTH or base >= STACK - 2 * WIDTH:
         return UNDECIDED, t
     beyond = t + tolerance(t)
     frame = 0
@@ -89,8 +96,9 @@ def ask(
     top = base
     present = -1
     at_level = level
-    slabs = make_slabs(ray)
-    store_ray(rays, level, ray)
+    about = choose_beginning(entry, t)
+    slabs = make_slabs(ray, about, scratch.slabs)
+    store_ray(rays, level, ray, about)
     while True:
         kind = code & 7
         index = code >> 3
@@ -102,6 +110,7 @@ def ask(
             block = index
             if kind == INSTANCE or at_level != present:
                 ray = load_ray(rays, at_level)
+                about = load_beginning(rays, at_level)
                 present = at_level
                 if kind == INSTANCE:
                     if at_level + 4 >= MAX_DEPTH:
@@ -109,23 +118,26 @@ def ask(
                     paths[at_level] = index
                     ray = transform_ray(load_affine(trees.inverses, 12 * index), ray)
                     present = at_level + 1
-                    store_ray(rays, present, ray)
+                    about = choose_beginning(entry, t)
+                    store_ray(rays, present, ray, about)
                     block = wide(trees.targets[index])
                     scratch.visits[1] += 1
-                slabs = make_slabs(ray)
+                slabs = make_slabs(ray, about, scratch.slabs)
             scratch.visits[0] += 1
-            met = meet_block(trees.boxes, block, slabs, t, far, small)
+            met = meet_block(trees.boxes, block, slabs, t, far, scratch)
             if met != NONE:
-                if top >= STACK - 8:
+                if top >= STACK - WIDTH:
                     return UNDECIDED, t
                 found = True
-                code, top = push_references(
-                    trees.refs, block, met, small, entry_t, entry_ref, present, top
+                code, entry, top = push_references(
+                    trees.refs, block, met, entries, slabs, entry_t, entry_ref, present, top, True
                 )
                 at_level = present
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
             n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level))
+            if n == OVERFLOW:
+                return UNDECIDED, t
             for k in range(ENDS, n, 2):
                 lo, hi = small[k], small[k + 1]
                 if hi <= beyond or hi <= lo:
@@ -171,14 +183,15 @@ def ask(
             limit = far
             nearest = math.inf
             present = -1
-            store_ray(rays, at_level, inner)
+            store_ray(rays, at_level, inner, choose_beginning(entry, t))
             code = wide(trees.operations[target + 3]) << 3 | BLOCK
             continue
         while not found:
             if not returns:
                 while top > base:
                     top -= 1
-                    if entry_t[top] <= far:
+                    entry = entry_t[top]
+                    if entry <= far:
                         code = entry_ref[top] >> 8
                         at_level = entry_ref[top] & 255
                         found = True
@@ -279,6 +292,6 @@ def settle_exit(
     e = tolerance(t)
     back = Ray(ray.ox, ray.oy, ray.oz, -ray.dx, -ray.dy, -ray.dz, 0.0, 0.0)
     at, limit = -t - 2.0 * e, -t + 3.0 * e
-    there, u = ask(trees, pool, scratch, code, back, at, limit, base, level)
+    there, u = ask(trees, pool, scratch, code, back, at, limit, at, base, level)
     subtracted = is_subtracted(trees, scratch.paths, PATH * (level + 1))
     return there == state and u <= -t + 2.0 * e and subtracted == (state == 1), -u

@@ -22,7 +22,8 @@ class Rays(NamedTuple):
     Attributes
     ----------
     origins, directions : float64 (N, 3)
-    t_min, t_max : float64 (N,)
+    t_min, t_max : float64 (N,) or (1,)
+        One serves for all.
     """
 
     origins: NDArray[np.float64]
@@ -31,14 +32,16 @@ class Rays(NamedTuple):
     t_max: NDArray[np.float64]
 
     def take(self, indices: NDArray[np.int64]) -> Rays:
-        """Return some of the rays."""
-        return Rays(*(a[indices] for a in self))
+        """Return some of the rays, each with its own limits."""
+        n = len(self.origins)
+        limits = (np.broadcast_to(a, (n,))[indices] for a in (self.t_min, self.t_max))
+        return Rays(self.origins[indices], self.directions[indices], *limits)
 
 
 def check_rays(
     origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
 ) -> Rays:
-    """Return rays as kernels take them.
+    """Return rays as kernels take them, each with its own limits.
 
     Parameters
     ----------
@@ -51,6 +54,23 @@ def check_rays(
     UsageError
         Shapes do not fit, or a ray is zero or not finite.
     """
+    rays = shape_rays(origins, directions, t_min, t_max)
+    check_values(rays)
+    n = len(rays.origins)
+    limits = (np.array(np.broadcast_to(a, (n,)), order="C") for a in (rays.t_min, rays.t_max))
+    return Rays(rays.origins, rays.directions, *limits)
+
+
+def shape_rays(
+    origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
+) -> Rays:
+    """Return rays as arrays whose numbers nobody has looked at; arguments as for `check_rays`.
+
+    Raises
+    ------
+    UsageError
+        Shapes do not fit.
+    """
     o, d = check_points(origins, "origins"), check_points(directions, "directions")
     if len(o) == 1 != len(d):
         o = np.repeat(o, len(d), axis=0)
@@ -58,11 +78,24 @@ def check_rays(
         d = np.repeat(d, len(o), axis=0)
     if o.shape != d.shape:
         raise UsageError(f"{len(o)} origins do not fit {len(d)} directions")
-    if not (np.isfinite(o).all() and np.isfinite(d).all()):
+    return Rays(o, d, _shape_limit(t_min, "t_min", len(o)), _shape_limit(t_max, "t_max", len(o)))
+
+
+def check_values(rays: Rays) -> None:
+    """Require that rays are what can be traced.
+
+    Raises
+    ------
+    UsageError
+        A ray is zero or not finite, or a limit is not a number.
+    """
+    if not (np.isfinite(rays.origins).all() and np.isfinite(rays.directions).all()):
         raise UsageError("rays must be finite")
-    if not d.any(axis=1).all():
+    if not rays.directions.any(axis=1).all():
         raise UsageError("a ray's direction must not be zero")
-    return Rays(o, d, _check_limit(t_min, "t_min", len(o)), _check_limit(t_max, "t_max", len(o)))
+    for name in ("t_min", "t_max"):
+        if np.isnan(getattr(rays, name)).any():
+            raise UsageError(f"{name} must not be NaN")
 
 
 def check_points(points: ArrayLike, what: str = "points") -> NDArray[np.float64]:
@@ -82,13 +115,11 @@ def check_points(points: ArrayLike, what: str = "points") -> NDArray[np.float64]
     return array if array.flags.writeable else array.copy()
 
 
-def _check_limit(value: ArrayLike, name: str, n: int) -> NDArray[np.float64]:
-    array = np.asarray(value, dtype=np.float64)
-    if array.shape not in ((), (n,)):
-        raise UsageError(f"{name} must be a number or have shape ({n},), not {array.shape}")
-    if np.isnan(array).any():
-        raise UsageError(f"{name} must not be NaN")
-    return np.array(np.broadcast_to(array, (n,)), order="C")
+def _shape_limit(value: ArrayLike, name: str, n: int) -> NDArray[np.float64]:
+    array = np.ascontiguousarray(value, dtype=np.float64)
+    if np.shape(value) not in ((), (n,)):
+        raise UsageError(f"{name} must be a number or have shape ({n},), not {np.shape(value)}")
+    return array if array.flags.writeable else array.copy()
 
 
 def count_processors() -> int:

@@ -99,6 +99,8 @@ def _flatten(
             m = compose_affine(frame, r.group_from_target)
             if r.kind == INSTANCE or len(primitives) == MAX_PRIMITIVES:
                 return None
+            if r.kind == LEAF and groups.leaves[r.target].has_data:
+                return None
             if r.kind == LEAF:
                 union |= (_ALL_SETS >> len(primitives) & 1).astype(np.bool_)
                 program.append(len(primitives))

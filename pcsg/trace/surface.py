@@ -7,12 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
+from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS, ATTRIBUTE_SLOTS
 from pcsg.jit import njit
-from pcsg.leaf.dispatch import leaf_normal, leaf_uv
+from pcsg.leaf.dispatch import leaf_attributes, leaf_normal, leaf_uv
 from pcsg.leaf.registry import Pool
 from pcsg.trace.hits import Hits
 from pcsg.vec import Affine, Ray, Vec3, normalize, transform_normal
+
+OWN_SLOTS = tuple(ATTRIBUTE_SLOTS.index(f"@{name}") for name in ("red", "green", "blue", "label"))
+"""Attribute slots that a leaf may fill itself."""
 
 
 class Surface(NamedTuple):
@@ -39,10 +42,14 @@ class Surface(NamedTuple):
     uv: NDArray[np.float64]
     attributes: NDArray[np.float64]
 
-    def put(self, indices: NDArray[np.int64], other: Surface) -> None:
-        """Replace some of the hits."""
-        for mine, theirs in zip(self, other, strict=True):
-            mine[indices] = theirs
+    def put(self, indices: NDArray[np.int64], other: Hits) -> None:
+        """Take some of the hits from elsewhere."""
+        self.t[indices], self.leaf[indices] = other.t, other.leaf
+        self.position[indices], self.normal[indices] = other.position, other.normal
+        self.uv[indices] = other.uv
+        self.attributes[indices] = np.column_stack(
+            [other.color, other.material, other.texture, other.texture_scale, other.label]
+        )
 
     def hits(self) -> Hits:
         """Return the same as users see it."""
@@ -118,3 +125,7 @@ def describe_hit(
     out.uv[i, 0], out.uv[i, 1] = leaf_uv(kind, p, args, args_at, pool)
     for k in range(out.attributes.shape[1]):
         out.attributes[i, k] = attributes[attributes_at + k]
+    own = leaf_attributes(kind, p, args, args_at, pool)
+    for k in range(4):
+        if own[k] >= 0.0:
+            out.attributes[i, OWN_SLOTS[k]] = own[k]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS, ATTRIBUTE_SLOTS
 from pcsg.graph.expr import Number, as_expr, functions_of, parameters_of
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.graph import FRAME_SLOTS, GLOBALS, Graph
+from pcsg.graph.liveness import attribute_values
 from pcsg.graph.nodes import (
     Attribute,
     Calculation,
@@ -23,7 +24,7 @@ from pcsg.graph.nodes import (
 )
 from pcsg.graph.tape import Fault, Program
 from pcsg.jit import plain
-from pcsg.leaf.registry import LEAVES
+from pcsg.leaf.registry import LEAVES, MODEL_ARGS, Model
 from pcsg.vec import IDENTITY, Affine, invert
 
 # Kinds of packed nodes. Attributes are calculations; constant matrices are inverted beforehand.
@@ -59,11 +60,16 @@ class Tables(NamedTuple):
     matrices, forwards : float64
         Constant maps, 12 numbers each: local_from_parent and parent_from_local.
     args : float64
-        Constant arguments of leaves.
-    sheet : uint8
-        By kind of leaf, whether it is a sheet.
+        Constant arguments of leaves, and kernel arguments of models.
+    models_at : int32 (N,)
+        LEAF with data whose numbers vary: offset into `models`; -1 for others.
+    models : float64
+        The number of models, the number of values, then for each model these values and the
+        offset of its kernel arguments in `args`.
+    sheet : uint8 (N,)
+        LEAF: whether it is a sheet.
     arity : int32
-        By kind of leaf, the number of its arguments.
+        By kind of leaf, the number of its kernel arguments.
     low, high : float64
         Legal range of every argument, MAX_LEAF_ARGS for each kind of leaf; open lower ends are
         moved up by one ulp.
@@ -91,6 +97,8 @@ class Tables(NamedTuple):
     matrices: NDArray[np.float64]
     forwards: NDArray[np.float64]
     args: NDArray[np.float64]
+    models_at: NDArray[np.int32]
+    models: NDArray[np.float64]
     sheet: NDArray[np.uint8]
     arity: NDArray[np.int32]
     low: NDArray[np.float64]
@@ -107,11 +115,30 @@ class Tables(NamedTuple):
         return sum(a.nbytes for a in self if isinstance(a, np.ndarray))
 
 
+class Models(NamedTuple):
+    """What the tables need to know of leaves with data.
+
+    Attributes
+    ----------
+    values
+        By node, the values that the numbers of a leaf take, in a fixed order.
+    place
+        Returns the kernel arguments of a model.
+    """
+
+    values: Mapping[int, Collection[tuple[float, ...]]]
+    place: Callable[[Model], Sequence[float]]
+
+
+NO_MODELS = Models({}, lambda model: (0.0,) * MODEL_ARGS)
+
+
 class _Packer:
     """Collects the arrays of one graph."""
 
-    def __init__(self, graph: Graph) -> None:
+    def __init__(self, graph: Graph, models: Models) -> None:
         self.graph = graph
+        self.models_of = models
         slots = graph.slots
         frame_slot = slots[FRAME_SLOTS[0]] if graph.uses_frame else -1
         self.program = Program(slots, frame_slot)
@@ -124,6 +151,9 @@ class _Packer:
         self.matrices: list[float] = []
         self.forwards: list[float] = []
         self.args: list[float] = []
+        self.models_at = np.full(n, -1, np.int32)
+        self.models: list[float] = []
+        self.sheet = np.zeros(n, np.uint8)
 
     def pack(self, k: int, node: Node) -> None:
         """Pack one node."""
@@ -144,10 +174,7 @@ class _Packer:
             self.code_at[k] = add(exprs, names)
         elif isinstance(node, Attribute):
             self.kind[k] = CALCULATION
-            exprs = list(node.args)
-            if node.kind.refers_to:
-                names_of = self.graph.numbers_of(node.kind.refers_to)
-                exprs.insert(0, as_expr(float(names_of[node.reference or ""])))
+            exprs = attribute_values(self.graph, node)
             stores = node.kind.slots[: len(exprs)]
             self.code_at[k] = self.program.add_parallel(exprs, stores)
         elif isinstance(node, Transformation):
@@ -158,13 +185,30 @@ class _Packer:
         elif isinstance(node, Leaf):
             self.kind[k] = LEAF
             self.detail[k] = node.solid.kind
-            if all(isinstance(a, Number) for a in node.args) and _legal(node):
+            self.sheet[k] = node.is_sheet
+            if node.constants:
+                self._pack_models(k, node)
+            elif all(isinstance(a, Number) for a in node.args) and _legal(node):
                 self.args_at[k] = len(self.args)
                 self.args.extend(a.value for a in node.args if isinstance(a, Number))
             else:
                 self.code_at[k] = self.program.add(node.args)
         self.first[k], self.degree[k] = len(self.edges), len(targets)
         self.edges.extend(targets)
+
+    def _pack_models(self, k: int, node: Leaf) -> None:
+        """Pack a leaf with data: one model, or a table from the values of its numbers to models."""
+        varies = not all(isinstance(a, Number) for a in node.args)
+        values = self.models_of.values.get(k, ()) if varies else [_constants(node)]
+        if varies:
+            self.code_at[k] = self.program.add(node.args)
+            self.models_at[k] = len(self.models)
+            self.models += [len(values), len(node.args)]
+        self.args_at[k] = len(self.args)
+        for args in values:
+            if varies:
+                self.models += [*args, len(self.args)]
+            self.args += self.models_of.place(node.model(args))
 
     def _pack_transformation(self, k: int, node: Transformation) -> None:
         forward = _constant_matrix(node)
@@ -193,9 +237,13 @@ def _constant_matrix(node: Transformation) -> Affine | None:
     return plain(node.transform.kernel)(*values)  # type: ignore[no-any-return]
 
 
+def _constants(node: Leaf) -> tuple[float, ...]:
+    return tuple(a.value for a in node.args if isinstance(a, Number))
+
+
 def _legal(node: Leaf) -> bool:
     """Return whether constant arguments are in their ranges; the walker reports them if not."""
-    for parameter, arg in zip(node.solid.parameters, node.args, strict=True):
+    for parameter, arg in zip(node.parameters, node.args, strict=True):
         value = arg.value if isinstance(arg, Number) else 0.0
         low = parameter.low < value if parameter.open_low else parameter.low <= value
         if not (low and value <= parameter.high):
@@ -208,6 +256,7 @@ def pack(
     boxes: NDArray[np.float64],
     values: Mapping[str, float] = GLOBALS,
     depth_limit: int = 10_000,
+    models: Models = NO_MODELS,
 ) -> tuple[Tables, Program]:
     """Pack a graph.
 
@@ -219,13 +268,15 @@ def pack(
         Values of the global parameters.
     depth_limit
         Most selections on a path.
+    models
+        What is known of leaves with data.
 
     Returns
     -------
     Tables, Program
         The arrays, and the program that knows where its instructions come from.
     """
-    packer = _Packer(graph)
+    packer = _Packer(graph, models)
     for k, node in enumerate(graph.nodes):
         packer.pack(k, node)
     slots = graph.slots
@@ -257,8 +308,12 @@ def pack(
         matrices=np.array(packer.matrices or [0.0]),
         forwards=np.array(packer.forwards or [0.0]),
         args=np.array(packer.args or [0.0]),
-        sheet=np.array([solid.sheet for solid in LEAVES.values()], np.uint8),
-        arity=np.array([len(solid.parameters) for solid in LEAVES.values()], np.int32),
+        models_at=packer.models_at,
+        models=np.array(packer.models or [0.0]),
+        sheet=packer.sheet,
+        arity=np.array(
+            [MODEL_ARGS if s.constants else len(s.parameters) for s in LEAVES.values()], np.int32
+        ),
         low=low,
         high=high,
         initial=initial,
@@ -274,7 +329,7 @@ def _ranges() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     low = np.full((len(LEAVES), MAX_LEAF_ARGS), -np.inf)
     high = np.full((len(LEAVES), MAX_LEAF_ARGS), np.inf)
     for kind, solid in enumerate(LEAVES.values()):
-        for j, p in enumerate(solid.parameters):
+        for j, p in enumerate(() if solid.constants else solid.parameters):
             low[kind, j] = np.nextafter(p.low, np.inf) if p.open_low else p.low
             high[kind, j] = p.high
     return low.ravel(), high.ravel()

@@ -15,12 +15,15 @@ from pcsg.graph.graph import Graph
 from pcsg.graph.states import StateGraph
 from pcsg.leaf.registry import ANY, FIRST, Pool
 from pcsg.trace.blocks import Blocks, build_blocks
-from pcsg.trace.blocks_batch import find_batch
+from pcsg.trace.blocks_batch import BAD_RAY, find_batch
+from pcsg.trace.found import Found, FoundHits, make_found
 from pcsg.trace.hits import Hits, Spans
-from pcsg.trace.rays import Rays, check_rays, count_processors, run_chunks
-from pcsg.trace.surface import Surface, make_surface
+from pcsg.trace.kernel import Extent
+from pcsg.trace.pool import pool_of
+from pcsg.trace.rays import Rays, check_values, count_processors, run_chunks, shape_rays
 from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, Trees, make_scratch
 from pcsg.trace.walker import Walker
+from pcsg.vec import Vec3
 
 Engine = Literal["auto", "cyclic", "states"]
 """``cyclic`` walks the graph itself, ``states`` its unrolled states; ``auto`` takes the states
@@ -47,18 +50,25 @@ class StatesTracer:
         walker: Callable[[], Walker],
         threads: int | None = None,
     ) -> None:
-        self.blocks: Blocks = build_blocks(graph, states)
+        self._models = pool_of(graph)
+        self.blocks: Blocks = build_blocks(graph, states, self._models)
         self.threads = threads or count_processors()
         self._make_walker = walker
         self._lock = threading.Lock()
         self._trees = Trees(*(getattr(self.blocks, name) for name in Trees._fields))
-        self._pool: Pool = (np.zeros(1), np.zeros(1, np.float32), np.zeros(1, np.int32))
+        self._extent = _extent_of(self.blocks.box)
+        self._pool: Pool = self._models.pool
         self._local = threading.local()
 
     @property
     def nbytes(self) -> dict[str, int]:
         """Bytes of what rays read."""
-        return {"blocks": self.blocks.nbytes}
+        return {"blocks": self.blocks.nbytes, **self._models.nbytes}
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of blocks."""
+        return {"blocks": self.blocks.n_blocks}
 
     @cached_property
     def _lists(self) -> Walker:
@@ -78,13 +88,14 @@ class StatesTracer:
         t_max: ArrayLike = math.inf,
     ) -> Hits:
         """Find the first crossing of every ray, as `Walker.intersect`."""
-        rays = check_rays(origins, directions, t_min, t_max)
-        surface = make_surface(len(rays.origins))
-        found = self._find(rays, FIRST, surface)
-        undecided = np.flatnonzero(found == UNDECIDED)
-        if len(undecided):
-            surface.put(undecided, self.walker.find_surfaces(rays.take(undecided)))
-        return surface.hits()
+        rays = shape_rays(origins, directions, t_min, t_max)
+        found = make_found(len(rays.origins))
+        answers = self._find(rays, FIRST, found)
+        hits = FoundHits(found, self.blocks, self._pool)
+        walked = np.flatnonzero(answers == UNDECIDED)
+        if len(walked):
+            hits.replace(walked, self.walker.find_surfaces(rays.take(walked)))
+        return hits
 
     def occluded(
         self,
@@ -94,12 +105,12 @@ class StatesTracer:
         t_max: ArrayLike = math.inf,
     ) -> NDArray[np.bool_]:
         """Find whether every ray crosses anything, as `Walker.occluded`."""
-        rays = check_rays(origins, directions, t_min, t_max)
-        found = self._find(rays, ANY, _NO_SURFACE)
-        out: NDArray[np.bool_] = found == HIT
-        undecided = np.flatnonzero(found == UNDECIDED)
-        if len(undecided):
-            out[undecided] = self.walker.find_occlusion(rays.take(undecided))
+        rays = shape_rays(origins, directions, t_min, t_max)
+        answers = self._find(rays, ANY, _NOWHERE)
+        out: NDArray[np.bool_] = answers == HIT
+        walked = np.flatnonzero(answers == UNDECIDED)
+        if len(walked):
+            out[walked] = self.walker.find_occlusion(rays.take(walked))
         return out
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
@@ -110,27 +121,29 @@ class StatesTracer:
         """Find all inside intervals of every ray, on the whole line."""
         return self.walker.spans(origins, directions)
 
-    def _find(self, rays: Rays, want: int, surface: Surface) -> NDArray[np.int8]:
+    def _find(self, rays: Rays, want: int, found: Found) -> NDArray[np.int8]:
         n = len(rays.origins)
-        found = np.zeros(n, np.int8)
+        answers = np.empty(n, np.int8)
 
         def work(begin: int, end: int) -> None:
-            find_batch(
+            status = find_batch(
                 self._trees,
                 self._pool,
                 self._scratch(),
-                self.blocks.attributes,
                 self.blocks.root,
+                self._extent,
                 want,
                 *rays,
                 begin,
                 end,
-                surface,
                 found,
+                answers,
             )
+            if status == BAD_RAY:
+                check_values(rays)
 
         run_chunks(n, self.threads, work)
-        return found
+        return answers
 
     def _scratch(self) -> Scratch:
         if not hasattr(self._local, "scratch"):
@@ -139,4 +152,11 @@ class StatesTracer:
         return scratch
 
 
-_NO_SURFACE = make_surface(0)
+def _extent_of(box: NDArray[np.float64]) -> Extent:
+    """Return where a box is; it may be infinite."""
+    finite = np.where(np.isfinite(box), box, 0.0)
+    middle = Vec3(*(float(x) for x in finite.mean(axis=0)))
+    return Extent(middle, 1000.0 * float(np.abs(finite).max()))
+
+
+_NOWHERE = make_found(0)

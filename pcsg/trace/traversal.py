@@ -17,7 +17,7 @@ from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, Pool
 from pcsg.trace.groups import LEAF, SMALL
-from pcsg.trace.simd import count_trailing_zeros, meet_boxes
+from pcsg.trace.simd import WIDTH, count_trailing_zeros, meet_boxes, prepare_ray
 from pcsg.trace.small import ENTRY, HEADER, small_crossings
 from pcsg.vec import Ray, load_affine, transform_ray
 
@@ -33,9 +33,9 @@ SLOT = -1_000_000
 """In a path, ``SLOT - k`` stands before the reference of primitive k of a small operation."""
 
 HIT_PATH = PATH * (MAX_DEPTH + 1)
-T, ENDS = 4, 8
-NONE, _U1, _U4, _U8, _U12, _U16, _U20, _U24 = (np.uint64(k) for k in (0, 1, 4, 8, 12, 16, 20, 24))
-_TINY = 1e-200
+T, ENDS = 0, 1
+NONE, _ONE, _TWO, _THREE, _EIGHT = (np.uint64(k) for k in (0, 1, 2, 3, 8))
+_W, _W2, _W3, _W4, _W5, _W6 = (np.uint64(k * WIDTH) for k in range(1, 7))
 
 
 class Trees(NamedTuple):
@@ -56,7 +56,7 @@ class Trees(NamedTuple):
         As in `Blocks`.
     """
 
-    boxes: NDArray[np.float64]
+    boxes: NDArray[np.float32]
     refs: NDArray[np.int32]
     inverses: NDArray[np.float64]
     targets: NDArray[np.int32]
@@ -74,8 +74,8 @@ class Scratch(NamedTuple):
     ----------
     entry_t, entry_ref : float64, int64
         Stack of references that wait: where the ray enters them; code and level.
-    rays : float64 (6 PATH,)
-        The ray at every level.
+    rays : float64 (8 PATH,)
+        The ray at every level, and where it is near the level's boxes.
     paths : int32 (PATH (PATH + 2),)
         References on the way: an instance or an operation, then its operand as ``-1 - k``. Then,
         `PATH` entries each, the paths to the ends that questions have found at every level, and
@@ -87,8 +87,11 @@ class Scratch(NamedTuple):
     slots : int32
         Primitives that the crossings of a small operation belong to.
     small : float64
-        Where the ray enters the boxes of a block (4), the first hit's t, and from `ENDS` on the
-        crossings of one leaf.
+        The first hit's t, and from `ENDS` on the crossings of one leaf.
+    slabs : float32 (12,)
+        The present ray prepared for boxes.
+    entries : float32 (WIDTH,)
+        Where the ray enters the boxes of a block.
     visits : int64 (3,)
         Blocks, instances and leaves visited so far.
     """
@@ -101,6 +104,8 @@ class Scratch(NamedTuple):
     limits: NDArray[np.float64]
     slots: NDArray[np.int32]
     small: NDArray[np.float64]
+    slabs: NDArray[np.float32]
+    entries: NDArray[np.float32]
     visits: NDArray[np.int64]
 
 
@@ -109,114 +114,133 @@ def make_scratch() -> Scratch:
     return Scratch(
         entry_t=np.zeros(STACK),
         entry_ref=np.zeros(STACK, np.int64),
-        rays=np.zeros(6 * PATH),
+        rays=np.zeros(8 * PATH),
         paths=np.zeros(PATH * (PATH + 2), np.int32),
         frames=np.zeros(FRAME * MAX_DEPTH, np.int64),
         limits=np.zeros(4 * MAX_DEPTH),
         slots=np.zeros(ENDS + 64, np.int32),
         small=np.zeros(ENDS + 64),
+        slabs=np.zeros(12, np.float32),
+        entries=np.zeros(WIDTH, np.float32),
         visits=np.zeros(3, np.int64),
     )
 
 
 @njit(inline=True)
-def wide(x: int) -> int:
+def wide(x: int | np.uint64) -> int:
     """Return an integer with 64 bits, wherever it comes from."""
     return np.int64(x)  # type: ignore[return-value]  # to numba it is an int
 
 
 @njit(inline=True)
-def _nonzero(d: float) -> float:
-    """Keep a direction's component away from zero, so that planes are never NaN."""
-    return d if abs(d) > _TINY else math.copysign(_TINY, d)
+def place(x: int) -> np.uint64:
+    """Return a number that is not negative as an index, which then needs no test of its sign."""
+    return np.uint64(x)
 
 
 class Slabs(NamedTuple):
-    """A ray prepared for boxes.
+    """A ray prepared for boxes, in single precision; the rest is in `Scratch.slabs`.
 
     Attributes
     ----------
-    ix, iy, iz, sx, sy, sz
-        Inverse direction, and origin times inverse direction.
+    about : float64
+        The t from which its parameter is counted.
+    speed, slowness : float64
+        Lengths of the frame for each of t, and the inverse.
     nx, ny, nz
-        0 or 12 for each axis: whether the ray meets the lower or the upper plane first.
+        0 or 3 WIDTH for each axis: whether the ray meets the lower or the upper plane first.
     """
 
-    ix: float
-    iy: float
-    iz: float
-    sx: float
-    sy: float
-    sz: float
+    about: float
+    speed: float
+    slowness: float
     nx: np.uint64
     ny: np.uint64
     nz: np.uint64
 
 
 @njit(inline=True)
-def make_slabs(ray: Ray) -> Slabs:
-    """Prepare a ray."""
-    ix, iy, iz = 1.0 / _nonzero(ray.dx), 1.0 / _nonzero(ray.dy), 1.0 / _nonzero(ray.dz)
+def make_slabs(ray: Ray, about: float, out: NDArray[np.float32]) -> Slabs:
+    """Prepare a ray; `about` is where it is near the boxes."""
+    down, speed, slowness = prepare_ray(ray.ox, ray.oy, ray.oz, ray.dx, ray.dy, ray.dz, about, out)
     return Slabs(
-        ix,
-        iy,
-        iz,
-        ray.ox * ix,
-        ray.oy * iy,
-        ray.oz * iz,
-        _U12 if ix < 0.0 else NONE,
-        _U12 if iy < 0.0 else NONE,
-        _U12 if iz < 0.0 else NONE,
+        about,
+        speed,
+        slowness,
+        (down & _ONE) * _W3,
+        ((down >> _ONE) & _ONE) * _W3,
+        ((down >> _TWO) & _ONE) * _W3,
     )
 
 
 @njit(inline=True)
 def meet_block(
-    boxes: NDArray[np.float64],
+    boxes: NDArray[np.float32],
     block: int,
     slabs: Slabs,
     low: float,
     high: float,
-    entries: NDArray[np.float64],
+    scratch: Scratch,
 ) -> np.uint64:
-    """Return which boxes of a block a ray meets in [low, high], as bits, and where it enters."""
+    """Return which boxes of a block a ray meets in [low, high], as bits.
+
+    `Scratch.entries` receives where it enters them.
+    """
     met: np.uint64 = meet_boxes(
         boxes,
-        np.uint64(block) * _U24,
+        place(block) * _W6,
         slabs.nx,
-        slabs.ny + _U4,
-        slabs.nz + _U8,
-        _U12 - slabs.nx,
-        _U16 - slabs.ny,
-        _U20 - slabs.nz,
-        slabs.ix,
-        slabs.iy,
-        slabs.iz,
-        slabs.sx,
-        slabs.sy,
-        slabs.sz,
-        low,
-        high,
-        entries,
+        slabs.ny + _W,
+        slabs.nz + _W2,
+        _W3 - slabs.nx,
+        _W4 - slabs.ny,
+        _W5 - slabs.nz,
+        scratch.slabs,
+        np.float32((low - slabs.about) * slabs.speed),
+        np.float32((high - slabs.about) * slabs.speed),
+        scratch.entries,
     )
     return met
 
 
 @njit(inline=True)
-def store_ray(rays: NDArray[np.float64], level: int, ray: Ray) -> None:
-    """Keep the ray of a level."""
-    at = 6 * level
-    for k in range(6):
-        rays[at + k] = ray[k]
+def choose_beginning(entry: float, low: float) -> float:
+    """Return where to count from among boxes that a ray enters at `entry`, but not before `low`."""
+    about = entry if entry > low else low
+    return about if abs(about) < math.inf else 0.0
+
+
+@njit(inline=True)
+def store_ray(rays: NDArray[np.float64], level: int, ray: Ray, about: float) -> None:
+    """Keep the ray of a level, and where it is near the level's boxes."""
+    at = place(8 * level)
+    rays[at], rays[at + _ONE], rays[at + _TWO] = ray.ox, ray.oy, ray.oz
+    at += _THREE
+    rays[at], rays[at + _ONE], rays[at + _TWO] = ray.dx, ray.dy, ray.dz
+    rays[at + _THREE] = about
 
 
 @njit(inline=True)
 def load_ray(rays: NDArray[np.float64], level: int) -> Ray:
     """Return the ray of a level."""
-    at = 6 * level
+    a = place(8 * level)
+    b = a + _THREE
     return Ray(
-        rays[at], rays[at + 1], rays[at + 2], rays[at + 3], rays[at + 4], rays[at + 5], 0.0, 0.0
+        rays[a],
+        rays[a + _ONE],
+        rays[a + _TWO],
+        rays[b],
+        rays[b + _ONE],
+        rays[b + _TWO],
+        0.0,
+        0.0,
     )
+
+
+@njit(inline=True)
+def load_beginning(rays: NDArray[np.float64], level: int) -> float:
+    """Return where the ray of a level is near the level's boxes."""
+    return rays[place(8 * level + 6)]  # type: ignore[no-any-return]
 
 
 @njit
@@ -234,9 +258,10 @@ def cross_reference(
 ) -> int:
     """Write the crossings of a leaf or a small operation to `Scratch.small` from `ENDS` on."""
     inner = transform_ray(load_affine(trees.inverses, 12 * index), ray)
-    target = wide(trees.targets[index])
+    target = wide(trees.targets[place(index)])
     if kind == LEAF:
-        solid, args_at = trees.leaves[4 * target], trees.leaves[4 * target + 1]
+        at = place(4 * target)
+        solid, args_at = trees.leaves[at], trees.leaves[at + _ONE]
         n: int = leaf_crossings(solid, inner, ALL, trees.args, args_at, pool, scratch.small, ENDS)
         return n
     return small_crossings(
@@ -306,33 +331,56 @@ def push_references(
     refs: NDArray[np.int32],
     block: int,
     met: np.uint64,
-    entries: NDArray[np.float64],
+    entries: NDArray[np.float32],
+    slabs: Slabs,
     entry_t: NDArray[np.float64],
     entry_ref: NDArray[np.int64],
     level: int,
     top: int,
-) -> tuple[int, int]:
-    """Return the nearest reference that was met, and push the others, the nearest last."""
-    base = 4 * block
-    k = wide(count_trailing_zeros(met))
-    met &= met - _U1
-    nearest_t = entries[k]
+    ordered: bool,
+) -> tuple[int, float, int]:
+    """Push the references that were met, the nearest last, but return the nearest itself.
+
+    Where the order does not matter, any one comes last, and another one is returned.
+
+    Returns
+    -------
+    code, entry, top
+        The nearest one and where the ray enters its box; the new end of the stack.
+    """
+    base = place(block) * _W
+    k = count_trailing_zeros(met)
+    met &= met - _ONE
+    nearest_t = slabs.about + entries[k] * slabs.slowness
     nearest = wide(refs[base + k])
-    begin = top
+    if met == NONE:
+        return nearest, nearest_t, top
+    begin = place(top)
+    end = begin
+    if not ordered:
+        while met != NONE:
+            entry_t[end] = nearest_t
+            entry_ref[end] = nearest << 8 | level
+            end += _ONE
+            k = count_trailing_zeros(met)
+            met &= met - _ONE
+            nearest_t = slabs.about + entries[k] * slabs.slowness
+            nearest = wide(refs[base + k])
+        return nearest, nearest_t, wide(end)
     while met != NONE:
-        k = wide(count_trailing_zeros(met))
-        met &= met - _U1
-        t = entries[k]
+        k = count_trailing_zeros(met)
+        met &= met - _ONE
+        t = slabs.about + entries[k] * slabs.slowness
         ref = wide(refs[base + k])
         if t < nearest_t:
             t, nearest_t = nearest_t, t
             ref, nearest = nearest, ref
-        p = top
-        while p > begin and entry_t[p - 1] < t:
-            entry_t[p] = entry_t[p - 1]
-            entry_ref[p] = entry_ref[p - 1]
-            p -= 1
+        p = end
+        while p > begin and entry_t[p - _ONE] < t:
+            entry_t[p] = entry_t[p - _ONE]
+            entry_ref[p] = entry_ref[p - _ONE]
+            p -= _ONE
         entry_t[p] = t
         entry_ref[p] = ref << 8 | level
-        top += 1
-    return nearest, top
+        end += _ONE
+    return nearest, nearest_t, wide(end)

@@ -23,7 +23,7 @@ from pcsg.graph.tape import run
 from pcsg.graph.transforms import evaluate_transform
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings, leaf_inside
-from pcsg.leaf.registry import ALL, ANY, Pool
+from pcsg.leaf.registry import ALL, ANY, OVERFLOW, Pool
 from pcsg.trace.merge import CROSSING, SHEET, TABLES, merge, tolerance
 from pcsg.trace.tables import (
     CALCULATION,
@@ -50,7 +50,7 @@ from pcsg.vec import (
 # How a walk ends. The first two are the tape's; those from FRAMES_FULL on ask for larger arrays.
 OK, NOT_FINITE, UNASSIGNED = 0, 1, 2
 SELECTION_RANGE, SINGULAR, BAD_ARGUMENT, TOO_DEEP = 3, 4, 5, 6
-FRAMES_FULL, CHAIN_FULL, EVENTS_FULL, RECORDS_FULL = 7, 8, 9, 10
+FRAMES_FULL, CHAIN_FULL, EVENTS_FULL, RECORDS_FULL, CROSSINGS_FULL = 7, 8, 9, 10, 11
 
 # Ways of walking.
 SHRINK, LIST, MEMBERSHIP = 0, 1, 2
@@ -217,6 +217,23 @@ def _args_are_legal(
 
 
 @njit
+def _find_model(models: NDArray[np.float64], at: int, values: NDArray[np.float64]) -> int:
+    """Return where the kernel arguments of the model for these values are, -1 if there is none."""
+    rows, width = int(models[at]), int(models[at + 1])
+    row = at + 2
+    for _ in range(rows):
+        same = True
+        for k in range(width):
+            # The values come from the same arithmetic, but from another library of functions.
+            if not abs(values[k] - models[row + k]) <= 1e-12 * max(1.0, abs(models[row + k])):
+                same = False
+        if same:
+            return int(models[row + width])
+        row += width + 1
+    return -1
+
+
+@njit
 def walk(
     tables: Tables, pool: Pool, scratch: Scratch, way: int, want: int, world: Ray
 ) -> tuple[int, int]:
@@ -354,14 +371,19 @@ def walk(
                 args = tables.args
                 args_at = tables.args_at[node]
                 arity = tables.arity[solid]
-                if code_at[node] >= 0:
+                if tables.models_at[node] >= 0:
+                    args_at = _find_model(tables.models, tables.models_at[node], code_stack)
+                    if args_at < 0:
+                        _note(fault, node, -1, chain)
+                        return BAD_ARGUMENT, 0
+                elif code_at[node] >= 0:
                     args = code_stack
                     args_at = 0
                     at = solid * MAX_LEAF_ARGS
                     if not _args_are_legal(tables.low, tables.high, at, args, arity):
                         _note(fault, node, -1, chain)
                         return BAD_ARGUMENT, 0
-                sheet = tables.sheet[solid] == 1
+                sheet = tables.sheet[node] == 1
                 if way == MEMBERSHIP:
                     n = 0
                     point = Vec3(ray.ox, ray.oy, ray.oz)
@@ -370,6 +392,8 @@ def walk(
                         n = 2
                 else:
                     n = leaf_crossings(solid, ray, ALL, args, args_at, pool, ends, 0)
+                    if n == OVERFLOW:
+                        return CROSSINGS_FULL, 0
                 used = False
                 for k in range(0, n, 2):
                     lo, hi = ends[k], ends[k + 1]

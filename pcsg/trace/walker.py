@@ -18,7 +18,8 @@ from pcsg.graph import faults
 from pcsg.graph.bounds import hyper_boxes
 from pcsg.graph.expr import Parameter
 from pcsg.graph.graph import GLOBALS, Graph
-from pcsg.graph.nodes import Leaf, Selection
+from pcsg.graph.nodes import Leaf, Node, Selection
+from pcsg.graph.states import LeafStep, StateGraph, enumerate_states
 from pcsg.leaf.registry import Pool
 from pcsg.trace import walk
 from pcsg.trace.batch import (
@@ -31,9 +32,10 @@ from pcsg.trace.batch import (
     trace_batch,
 )
 from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.pool import pool_of
 from pcsg.trace.rays import Rays, check_points, check_rays, count_processors, run_chunks
 from pcsg.trace.surface import Surface, make_surface
-from pcsg.trace.tables import Tables, pack
+from pcsg.trace.tables import Models, Tables, pack
 from pcsg.trace.walk import RECORD, Scratch
 
 
@@ -44,6 +46,7 @@ class _Buffers:
         self._tables = tables
         self._max_bytes = max_bytes
         self._frames, self._chain, self._events, self._records = 256, 1024, 256, 128
+        self._crossings = 64
         self.scratch = self._allocate()
 
     def grow(self, status: int) -> None:
@@ -60,11 +63,13 @@ class _Buffers:
             self._chain *= 2
         elif status == walk.EVENTS_FULL:
             self._events *= 2
+        elif status == walk.CROSSINGS_FULL:
+            self._crossings *= 2
         else:
             self._records *= 2
         per_frame = 40 + 8 * (9 + len(self._tables.initial))
         wanted = self._frames * per_frame + self._chain * 108 + self._events * 32
-        wanted += self._records * (8 * RECORD + 12)
+        wanted += self._records * (8 * RECORD + 12) + self._crossings * 8
         if wanted > self._max_bytes:
             raise EnvironmentFault(
                 f"a ray needs more than {self._max_bytes >> 20} MB of working memory for its "
@@ -87,7 +92,7 @@ class _Buffers:
             record_about=np.zeros(self._records * 3, np.int32),
             params=np.zeros(p),
             stack=np.zeros(self._tables.stack_size),
-            t=np.zeros(64),
+            t=np.zeros(self._crossings),
             best=np.zeros(13),
             fault=np.zeros(3, np.int32),
         )
@@ -120,6 +125,9 @@ class Walker:
         Most threads of one call; by default one for each processor.
     max_bytes
         Most working memory of one thread.
+    states
+        The graph's states, which tell the models of leaves with data; enumerated if they are
+        needed and not given.
     """
 
     def __init__(
@@ -131,20 +139,25 @@ class Walker:
         depth_limit: int = 10_000,
         threads: int | None = None,
         max_bytes: int = 1 << 30,
+        states: StateGraph | None = None,
     ) -> None:
         self.graph = graph
+        if states is None and (boxes is None or any(map(_has_data, graph.nodes))):
+            states = enumerate_states(graph, values)
         if boxes is None:
-            boxes = hyper_boxes(graph, values).boxes
-        self.tables, self._program = pack(graph, boxes, values, depth_limit)
+            boxes = hyper_boxes(graph, values, states).boxes
+        pool = pool_of(graph)
+        models = Models(_model_values(states), pool.place)
+        self.tables, self._program = pack(graph, boxes, values, depth_limit, models)
         self.threads = threads or count_processors()
         self._max_bytes = max_bytes
-        self._pool: Pool = (np.zeros(1), np.zeros(1, np.float32), np.zeros(1, np.int32))
+        self._pool: Pool = pool.pool
         self._local = threading.local()
 
     @property
     def nbytes(self) -> dict[str, int]:
         """Bytes of what rays read."""
-        return {"graph": self.tables.nbytes}
+        return {"graph": self.tables.nbytes, **pool_of(self.graph).nbytes}
 
     def intersect(
         self,
@@ -168,9 +181,9 @@ class Walker:
         EvaluationFault
             A ray met a fault of the grammar.
         """
-        return self.find_surfaces(check_rays(origins, directions, t_min, t_max)).hits()
+        return self.find_surfaces(check_rays(origins, directions, t_min, t_max))
 
-    def find_surfaces(self, rays: Rays) -> Surface:
+    def find_surfaces(self, rays: Rays) -> Hits:
         """Find the first crossings of checked rays."""
         out = make_surface(len(rays.origins))
 
@@ -179,7 +192,7 @@ class Walker:
             return status, i
 
         self._run(len(rays.origins), work)
-        return out
+        return out.hits()
 
     def occluded(
         self,
@@ -320,10 +333,13 @@ class Walker:
         if status == walk.SELECTION_RANGE and isinstance(found, Selection):
             rules = ", ".join(str(rule) for rule in sorted(found.rules))
             return f"its value is {scratch.stack[0]:g}, the rules are {rules}"
+        if status == walk.BAD_ARGUMENT and isinstance(found, Leaf) and found.constants:
+            given = zip(found.parameters, scratch.stack, strict=False)
+            return "there is no model for " + ", ".join(f"{p.name} = {x:g}" for p, x in given)
         if status == walk.BAD_ARGUMENT and isinstance(found, Leaf):
             return ", ".join(
                 f"{p.name} is {x:g}, it must be {p.condition}"
-                for p, x in zip(found.solid.parameters, scratch.stack, strict=False)
+                for p, x in zip(found.parameters, scratch.stack, strict=False)
             )
         if status == walk.UNASSIGNED:
             expr = self._program.exprs[instruction]
@@ -331,6 +347,20 @@ class Walker:
         if status == walk.TOO_DEEP:
             return f"{self.tables.depth_limit} selections on one path"
         return ""
+
+
+def _has_data(node: Node) -> bool:
+    return isinstance(node, Leaf) and bool(node.constants)
+
+
+def _model_values(states: StateGraph | None) -> dict[int, dict[tuple[float, ...], None]]:
+    """Return the values that the numbers of leaves with data take in the states."""
+    found: dict[int, dict[tuple[float, ...], None]] = {}
+    for state in states.states if states else ():
+        for step in state.steps:
+            if isinstance(step, LeafStep) and _has_data(states.graph.nodes[step.node]):  # type: ignore[union-attr]
+                found.setdefault(step.node, {})[step.args] = None
+    return found
 
 
 _NO_SURFACE = make_surface(0)

@@ -110,5 +110,6 @@ def test_faults_of_the_walk_are_in_the_catalogue() -> None:
         faults.BAD_ARGUMENT,
         faults.DEPTH_LIMIT,
         faults.MEMORY_BUDGET,
+        faults.TOO_MANY_MODELS,
     }
     assert told == running

@@ -59,6 +59,10 @@ def test_extensions_contain_every_value(name: str, data: st.DataObject) -> None:
     assert_inside(apply(name, *args, seeds=1 if name == "choose" else 0), given_)
 
 
+def test_a_remainder_whose_quotient_is_rounded_to_zero_is_contained() -> None:
+    assert_inside(P.a % P.b, {"a": ((0.0, 5e-324), 5e-324), "b": ((-2.0, -2.0), -2.0)})
+
+
 @given(expressions(("a", "b"), world=False), intervals_and_points(), intervals_and_points())
 def test_expressions_contain_every_value(
     expr: Expr, a: tuple[Interval, float], b: tuple[Interval, float]

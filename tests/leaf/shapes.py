@@ -110,3 +110,55 @@ SHAPES: dict[str, Shape] = {
     "halfspace": Shape(lambda p, a: p[..., 2], None),
     "empty": Shape(lambda p, a: np.full(p.shape[:-1], np.inf), None),
 }
+
+
+def box_distance(p: Points, lower: Args, upper: Args) -> Any:
+    """About the signed distance of a box: exact inside and on the faces."""
+    return np.max(np.maximum(np.array(lower) - p, p - np.array(upper)), axis=-1)
+
+
+def bracket(p: Points, args: Args) -> Any:
+    """Two boxes that share a face, as an L; inside also near the place where they meet."""
+    foot = box_distance(p, (-1.0, -1.0, -1.0), (1.0, 1.0, 0.0))
+    back = box_distance(p, (-1.0, -1.0, -1.0), (0.0, 1.0, 1.0))
+    return np.minimum(foot, back)
+
+
+_CUBE = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
+_CUBE_FACES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+_PROFILE = [(-1.0, -1.0), (1.0, -1.0), (1.0, 0.0), (0.0, 0.0), (0.0, 1.0), (-1.0, 1.0)]
+_BRACKET = [(x, y, z) for y in (-1.0, 1.0) for x, z in _PROFILE]
+_BRACKET_FACES = [
+    tuple(range(6)),
+    tuple(range(11, 5, -1)),
+    *((k + 6, (k + 1) % 6 + 6, (k + 1) % 6, k) for k in range(6)),
+]
+_OCTAHEDRON = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+_OCTAHEDRON_FACES = [
+    (i, j, k) if (i + j + k) % 2 == 0 else (i, k, j) for i in (0, 1) for j in (2, 3) for k in (4, 5)
+]
+
+
+def _points(vertices: Any) -> Callable[[Args], Points]:
+    return lambda args: np.array(vertices, dtype=float)
+
+
+MESHES: dict[str, tuple[Any, Any, Shape]] = {
+    "cube": (
+        _CUBE,
+        _CUBE_FACES,
+        Shape(lambda p, a: np.max(np.abs(p), axis=-1) - 1.0, _points(_CUBE)),
+    ),
+    "inside-out": (
+        _CUBE,
+        [face[::-1] for face in _CUBE_FACES],
+        Shape(lambda p, a: np.max(np.abs(p), axis=-1) - 1.0, _points(_CUBE)),
+    ),
+    "octahedron": (
+        _OCTAHEDRON,
+        _OCTAHEDRON_FACES,
+        Shape(lambda p, a: (np.abs(p).sum(axis=-1) - 1.0) / np.sqrt(3.0), _points(_OCTAHEDRON)),
+    ),
+    "bracket": (_BRACKET, _BRACKET_FACES, Shape(bracket, _points(_BRACKET))),
+}
+"""Closed meshes: vertices, faces, and the second description."""

@@ -183,7 +183,7 @@ def test_sheets_contain_nothing(name: str) -> None:
     assert not leaf_inside(LEAVES[name].kind, Vec3(0.0, 0.0, 0.0), np.zeros(1), 0, POOL)
 
 
-@pytest.mark.parametrize("name", LEAVES)
+@pytest.mark.parametrize("name", [name for name, cls in LEAVES.items() if not cls.constants])
 def test_no_direction_no_disorder(name: str) -> None:
     t = np.zeros(8)
     ray = Ray(0.5, 0.0, 0.25, 1e-310, 0.0, 0.0, 0.0, INF)

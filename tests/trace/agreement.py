@@ -13,12 +13,15 @@ import strategies as cases
 from oracle import Event
 
 from pcsg.graph.graph import GLOBALS, Graph
+from pcsg.graph.recipes import make_recipes
 from pcsg.graph.states import enumerate_states
+from pcsg.trace.lazy import LazyTracer
+from pcsg.trace.store import BLOCK_MEMORY
 from pcsg.trace.tracer import StatesTracer
 from pcsg.trace.walker import Walker
 
 Ray = tuple[Sequence[float], Sequence[float]]
-Tracer = Walker | StatesTracer
+Tracer = Walker | StatesTracer | LazyTracer
 Make = Callable[..., Tracer]
 
 
@@ -29,6 +32,23 @@ def make_states(
     states = enumerate_states(graph, values)
     assert states.finite and states.acyclic and not states.diagnostics
     return StatesTracer(graph, states, lambda: Walker(graph, values, threads=threads), threads)
+
+
+def make_lazy(
+    graph: Graph,
+    values: Mapping[str, float] = GLOBALS,
+    *,
+    threads: int | None = None,
+    block_memory: int = BLOCK_MEMORY,
+) -> LazyTracer:
+    """Return the engine of lazy states, whether it is needed or not."""
+    return LazyTracer(
+        make_recipes(graph, values),
+        values,
+        walker=lambda: Walker(graph, values, threads=threads),
+        threads=threads,
+        block_memory=block_memory,
+    )
 
 
 ENGINES: dict[str, Make] = {"cyclic": Walker, "states": make_states}
@@ -111,7 +131,7 @@ class Judge:
             return
         # Where faces of several leaves coincide exactly, the engine of states may name another one
         # of them (docs/engines.md); the place must be right.
-        loose = isinstance(self.tracer, StatesTracer) and expected is not None
+        loose = isinstance(self.tracer, (StatesTracer, LazyTracer)) and expected is not None
         if loose and abs(t - expected.t) <= SAME * max(1.0, abs(t)):
             return
         assert ts, ("another leaf", ray, expected, t, leaf)
@@ -163,7 +183,7 @@ class Judge:
     def alone(self, number: int | None = None) -> list[Graph]:
         """Return a graph for every place of a leaf, or of all leaves."""
         return [
-            Graph(cases.prefix("matrix", *sum(leaf.frame, ())) * cases.solid(leaf.name, *leaf.args))
+            Graph(cases.prefix("matrix", *sum(leaf.frame, ())) * leaf.alone())
             for leaf in oracle.leaves(self.graph)
             if number is None or leaf.number == number
         ]
@@ -175,6 +195,8 @@ class Judge:
             linear, shift = np.array(leaf.frame)[:, :3], np.array(leaf.frame)[:, 3]
             local_o, local_d = np.linalg.solve(linear, np.array([o - shift, d]).T).T
             planes = oracle._PLANES.get(leaf.name, [])
+            if leaf.node.constants:
+                planes = [_unit_plane(t) for t in oracle.triangles_of(leaf.node)]
             if leaf.name in oracle.SHEETS:
                 planes = oracle._PLANES["halfspace"]
             hair = 1e-6 * max(1.0, np.abs(local_o).max())
@@ -200,6 +222,12 @@ class Judge:
             others = [_without_slivers(_pairs(self.of(other))) for other in nearby(ray)]
             right = any(_same(thick, other, loose) for other in others) or self.glides(ray)
             assert right, ("spans", ray, pairs, _pairs(self.of(ray)))
+
+
+def _unit_plane(triangle: oracle.Triangle) -> tuple[Any, float]:
+    n, c = oracle.plane_of(triangle)
+    size = float(np.linalg.norm(n))
+    return np.array(n) / size, c / size
 
 
 def _pairs(found: Sequence[Event]) -> list[tuple[float, float]]:

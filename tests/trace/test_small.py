@@ -19,6 +19,7 @@ from pcsg.graph.hulls import Hulls
 from pcsg.graph.nodes import Node
 from pcsg.graph.operators import DIFFERENCE, INTERSECTION
 from pcsg.graph.states import enumerate_states
+from pcsg.simd import WIDTH
 from pcsg.trace.blocks import Blocks, build_blocks
 from pcsg.trace.groups import (
     BLOCK,
@@ -31,7 +32,6 @@ from pcsg.trace.groups import (
     OperationRecord,
     gather,
 )
-from pcsg.trace.simd import WIDTH
 from pcsg.trace.small import MAX_PRIMITIVES, flatten_operation
 
 BALLS = [cases.prefix("move", 0.25 * k, 0, 0) * cases.solid("sphere") for k in range(7)]
@@ -169,12 +169,12 @@ def assert_all_reachable(blocks: Blocks, is_empty: bool) -> None:
 def check_boxes(blocks: Blocks) -> None:
     """Require that the boxes of a block's children lie in the block's box above them."""
     for block in range(blocks.n_blocks):
-        planes = blocks.boxes[24 * block :][:24].reshape(6, WIDTH)
+        planes = blocks.boxes[6 * WIDTH * block :][: 6 * WIDTH].reshape(6, WIDTH)
         for k, kind, index in successors(blocks, block):
             low, high = planes[:3, k], planes[3:, k]
             assert (low <= high).all()
             if kind == BLOCK:
-                below = blocks.boxes[24 * index :][:24].reshape(6, WIDTH)
+                below = blocks.boxes[6 * WIDTH * index :][: 6 * WIDTH].reshape(6, WIDTH)
                 assert (below[:3].min(axis=1) >= low).all()
                 assert (below[3:].max(axis=1) <= high).all()
 
@@ -199,7 +199,7 @@ def is_covered(blocks: Blocks, point: np.ndarray) -> bool:
     stack = [(blocks.root, point)]
     while stack:
         block, x = stack.pop()
-        planes = blocks.boxes[24 * block :][:24].reshape(6, WIDTH)
+        planes = blocks.boxes[6 * WIDTH * block :][: 6 * WIDTH].reshape(6, WIDTH)
         for k, kind, index in successors(blocks, block):
             if not ((planes[:3, k] <= x) & (x <= planes[3:, k])).all():
                 continue
@@ -242,7 +242,8 @@ def test_blocks_of_a_grammar_with_operations(order: int) -> None:
     if order == 1:
         assert_points_are_in_boxes(graph, blocks)
     kinds = {kind for b in seen for _, kind, _ in successors(blocks, b)}
-    assert {SMALL, LEAF, BLOCK} <= kinds
+    assert {SMALL, LEAF} <= kinds
+    assert (BLOCK in kinds) == (order > 1)
     assert order == 1 or OPERATION in kinds
 
 

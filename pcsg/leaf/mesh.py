@@ -1,0 +1,267 @@
+"""Triangle meshes: closed ones are solids, others are sheets."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from weakref import WeakValueDictionary
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pcsg.errors import UsageError
+from pcsg.leaf.bvh import build_hierarchy
+from pcsg.leaf.registry import (
+    Array,
+    Box,
+    Constant,
+    Data,
+    LeafConstant,
+    Model,
+    Pool,
+    Solid,
+    leaf,
+)
+from pcsg.leaf.triangles import (
+    CLOSED,
+    HAS_COLORS,
+    HAS_NORMALS,
+    HAS_UV,
+    ORIENTATION,
+    REFS,
+    TRIANGLES,
+    face_normal,
+    find_mesh,
+    interpolate,
+    locate,
+    mesh_contains,
+    mesh_crossings,
+)
+from pcsg.meshfile import Mesh as Polygons
+from pcsg.meshfile import read_mesh
+from pcsg.meshfile.mesh import make_mesh, offsets_of
+from pcsg.vec import Ray, Vec3
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class MeshModel(Constant, Model):
+    """A mesh: the constant argument of its leaf, and the model of it, too.
+
+    Parameters
+    ----------
+    polygons
+        Vertices and polygons.
+    name
+        The file as the grammar names it; None for arrays.
+
+    Attributes
+    ----------
+    closed
+        Whether every edge is passed as often in one direction as in the other, so that the mesh
+        bounds a volume.
+    """
+
+    def __init__(self, polygons: Polygons, name: str | None = None) -> None:
+        self.polygons = polygons
+        self.name = name
+        self.triangles: Integers = polygons.triangles
+        self.closed = is_closed(self.triangles)
+        used = polygons.vertices[np.unique(self.triangles)]
+        if not len(used):
+            raise UsageError("all polygons of the mesh are degenerate")
+        self._points = np.ascontiguousarray(used.T)
+        self.bounds = Box(tuple(used.min(axis=0).tolist()), tuple(used.max(axis=0).tolist()))
+
+    @property
+    def signature(self) -> object:
+        return self.name if self.name is not None else id(self)
+
+    @cached_property
+    def digest(self) -> str:
+        hashed = hashlib.sha256()
+        mesh = self.polygons
+        for array in (mesh.vertices, mesh.corners, mesh.offsets, mesh.corner_uv):
+            hashed.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
+        return hashed.hexdigest()
+
+    @property
+    def text(self) -> str | None:
+        return None if self.name is None else f'"{self.name}"'
+
+    def support(self, direction: Vec3) -> float:
+        return float((np.array(direction) @ self._points).max())
+
+    @cached_property
+    def data(self) -> Data:
+        """The head, the hierarchy, corners, and what the file says of them; see `triangles`."""
+        mesh = self.polygons
+        points = mesh.vertices[self.triangles]
+        boxes = np.concatenate([points.min(axis=1), points.max(axis=1)], axis=1)
+        reach = float(np.abs(boxes).max())
+        # Rays are rounded before they meet the boxes.
+        boxes += np.repeat([-1.0, 1.0], 3) * (1e-14 * reach)
+        hierarchy = build_hierarchy(boxes)
+        order = hierarchy.order
+        corners = mesh.triangle_corners[order]
+        uv = _of_corners(mesh.corner_uv, corners, [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        normals = None
+        if mesh.corner_normals is not None:
+            flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])[order]
+            normals = _of_corners(mesh.corner_normals, corners, np.repeat(flat[:, None], 3, axis=1))
+        head = np.zeros(REFS + 1, np.int32)
+        head[TRIANGLES] = len(points)
+        head[CLOSED] = self.closed
+        volume = np.einsum("ij,ij->", points[:, 0], np.cross(points[:, 1], points[:, 2]))
+        head[ORIENTATION] = -1 if self.closed and volume < 0.0 else 1
+        head[HAS_UV], head[HAS_NORMALS] = uv is not None, normals is not None
+        head[HAS_COLORS] = 0
+        head[REFS] = len(hierarchy.boxes)
+        numbers = [
+            np.array([reach, *self.bounds.lower, *self.bounds.upper]),
+            hierarchy.boxes,
+            points[order].ravel(),
+        ]
+        numbers += [a.ravel() for a in (uv, normals) if a is not None]
+        return Data(np.concatenate(numbers), integers=np.concatenate([head, hierarchy.refs]))
+
+
+def _of_corners(values: Floats | None, corners: Integers, instead: ArrayLike) -> Floats | None:
+    """Return values of the corners of triangles; where the file gives none for one, others."""
+    if values is None:
+        return None
+    found = values[corners]
+    missing = np.isnan(found).any(axis=(1, 2))
+    found[missing] = np.broadcast_to(np.asarray(instead, np.float64), found.shape)[missing]
+    return found
+
+
+def is_closed(triangles: Integers) -> bool:
+    """Return whether triangles bound a volume, all turned the same way.
+
+    Parameters
+    ----------
+    triangles : int64 (T, 3)
+        Without triangles that have a vertex twice.
+    """
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    forward = edges[:, 0] < edges[:, 1]
+    size = int(edges.max(initial=0)) + 1
+    keys = np.where(forward, edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0])
+    _, which = np.unique(keys, return_inverse=True)
+    balance = np.bincount(which.ravel(), np.where(forward, 1, -1))
+    return bool(len(edges)) and not balance.any()
+
+
+def mesh_of_arrays(vertices: ArrayLike, faces: Any) -> MeshModel:
+    """Return the mesh of vertices (V, 3) and faces: an array (F, 3) or (F, 4), or lists.
+
+    Raises
+    ------
+    UsageError
+        Shapes do not fit, numbers are not finite, or a vertex is not there.
+    """
+    points = np.array(vertices, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise UsageError("mesh: vertices are finite numbers of shape (n, 3)")
+    polygons = [np.asarray(face) for face in faces]
+    if not polygons or any(p.ndim != 1 or len(p) < 3 or p.dtype.kind not in "iu" for p in polygons):
+        raise UsageError("mesh: every face is a row of 3 or more numbers of vertices")
+    corners = np.concatenate(polygons).astype(np.int64)
+    if corners.min() < 0 or corners.max() >= len(points):
+        wrong = corners.min() if corners.min() < 0 else corners.max()
+        raise UsageError(f"mesh: there is no vertex {wrong}: {len(points)} are given")
+    return MeshModel(make_mesh(points, corners, offsets_of([len(p) for p in polygons])))
+
+
+_READ: WeakValueDictionary[tuple[object, ...], MeshModel] = WeakValueDictionary()
+
+
+@leaf
+class Mesh(Solid):
+    """Polygons from a file: OBJ, PLY, STL or GLB.
+
+    The name is relative to the grammar's file; coordinates are taken as they are. If the mesh is
+    closed and its faces all turn the same way, it is a solid: the points that its surface winds
+    about. Otherwise it is a sheet. Equal vertices are one vertex.
+
+    In Python, ``mesh("rock.obj")`` or ``mesh(vertices, faces)``.
+
+    Surface coordinates: those of the file, or else the barycentric ones of the second and the
+    third corner of each triangle. Normals are those of the faces, or the file's, if it has any.
+    """
+
+    constants = (LeafConstant("file", "the name of a mesh file in quotes"),)
+
+    @classmethod
+    def read_constant(cls, text: str, folder: Path) -> MeshModel:
+        path = folder / text
+        key: tuple[object, ...] = (path,)
+        with suppress(OSError, ValueError):  # the reader tells what is wrong
+            about = path.stat()
+            key = path.resolve(), about.st_mtime_ns, about.st_size, text
+        found = _READ.get(key)
+        if found is None:
+            found = _READ[key] = MeshModel(read_mesh(path), text)
+        return found
+
+    @classmethod
+    def take_arguments(cls, args: Sequence[Any]) -> tuple[tuple[Constant, ...], Sequence[Any]]:
+        if len(args) == 2 and not isinstance(args[0], (str, Path)):
+            return (mesh_of_arrays(*args),), ()
+        return super().take_arguments(args)
+
+    @classmethod
+    def sheet_of(cls, constants: Sequence[Constant]) -> bool:
+        return not _model(constants).closed
+
+    @classmethod
+    def primitives_of(cls, constants: Sequence[Constant]) -> int:
+        return len(_model(constants).triangles)
+
+    @classmethod
+    def make_model(cls, constants: Sequence[Constant], args: Sequence[float]) -> MeshModel:
+        return _model(constants)
+
+    @staticmethod
+    def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
+        return mesh_crossings(ray, want, args, at, pool, t, n)
+
+    @staticmethod
+    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
+        mesh = find_mesh(args, at, pool)
+        place = locate(pool, mesh, p)
+        numbers, head = pool[0], mesh.head
+        if pool[2][head + HAS_NORMALS] == 1:
+            x = interpolate(numbers, mesh.normals, 3, 0, place)
+            y = interpolate(numbers, mesh.normals, 3, 1, place)
+            z = interpolate(numbers, mesh.normals, 3, 2, place)
+            if max(abs(x), abs(y), abs(z)) > 0.0:
+                return Vec3(x, y, z)
+        n = face_normal(numbers, mesh.corners + 9 * place.triangle)
+        turn = float(pool[2][head + ORIENTATION])
+        return Vec3(turn * n.x, turn * n.y, turn * n.z)
+
+    @staticmethod
+    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
+        return mesh_contains(p, args, at, pool)
+
+    @staticmethod
+    def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
+        mesh = find_mesh(args, at, pool)
+        place = locate(pool, mesh, p)
+        if pool[2][mesh.head + HAS_UV] == 0:
+            return place.b, place.c
+        u = interpolate(pool[0], mesh.uvs, 2, 0, place)
+        return u, interpolate(pool[0], mesh.uvs, 2, 1, place)
+
+
+def _model(constants: Sequence[Constant]) -> MeshModel:
+    (model,) = constants
+    assert isinstance(model, MeshModel)
+    return model

@@ -1,0 +1,468 @@
+"""Rays and points against the triangles of one mesh: kernels of the mesh leaf.
+
+Watertight: Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013. Vertices
+are sheared so that the ray becomes the third axis through the origin. There the edge functions of
+two triangles with a common edge are the same numbers with opposite signs; where rounding could
+decide a sign, it is found exactly, and where it is zero, as if the ray passed infinitesimally
+beside (Edelsbrunner, Mücke, "Simulation of Simplicity", 1990). So every ray crosses a closed mesh
+as often inwards as outwards, also through edges and vertices.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.jit import njit
+from pcsg.leaf.bvh import BLOCK_SIZE
+from pcsg.leaf.registry import ALL, ANY, OVERFLOW, Array, Pool
+from pcsg.simd import WIDTH, count_trailing_zeros, local_doubles, local_integers
+from pcsg.slabs import make_slabs, meet_block_at, wide
+from pcsg.vec import Ray, Vec3
+
+# The head of a mesh in the pool: integers, then numbers.
+TRIANGLES, CLOSED, ORIENTATION, HAS_UV, HAS_NORMALS, HAS_COLORS, REFS = range(7)
+REACH, BOX, BOXES = 0, 1, 7
+
+COUNT = 3
+"""Beside ALL, FIRST and ANY: only the directions of the crossings are wanted."""
+
+_ROUNDING = 4e-15
+"""Crossings that are nearer than this, relative to the mesh as the ray sees it, are one place."""
+
+_ONE = np.uint64(1)
+_NONE = np.uint64(0)
+_SPLIT = 134217729.0
+
+
+class Mesh(NamedTuple):
+    """Where the parts of a mesh lie in the pool.
+
+    Attributes
+    ----------
+    head, refs
+        Integers: its head, and its references.
+    numbers, boxes, corners, uvs, normals, colors
+        Numbers: its head, boxes, and 9, 6, 9 and 9 numbers of every triangle.
+    """
+
+    head: int
+    refs: int
+    numbers: int
+    boxes: int
+    corners: int
+    uvs: int
+    normals: int
+    colors: int
+
+
+@njit
+def find_mesh(args: Array, at: int, pool: Pool) -> Mesh:
+    """Return the places of a mesh by its kernel arguments."""
+    integers = pool[2]
+    head = int(args[at + 2])
+    numbers = int(args[at])
+    count = integers[head + TRIANGLES]
+    boxes = numbers + BOXES
+    corners = boxes + integers[head + REFS]
+    uvs = corners + 9 * count
+    normals = uvs + 6 * count * integers[head + HAS_UV]
+    colors = normals + 9 * count * integers[head + HAS_NORMALS]
+    return Mesh(head, head + REFS + 1, numbers, boxes, corners, uvs, normals, colors)
+
+
+class Shear(NamedTuple):
+    """The map that makes a ray the third axis.
+
+    Attributes
+    ----------
+    x, y, z
+        Axes: z is the one along which the ray runs fastest.
+    sx, sy, sz
+        Shear along x and y, and scale along z.
+    """
+
+    x: int
+    y: int
+    z: int
+    sx: float
+    sy: float
+    sz: float
+
+
+@njit
+def _make_shear(ray: Ray) -> Shear:
+    ax, ay, az = abs(ray.dx), abs(ray.dy), abs(ray.dz)
+    z = 2
+    if ax >= ay and ax >= az:
+        z = 0
+    elif ay >= az:
+        z = 1
+    x, y = (z + 1) % 3, (z + 2) % 3
+    d = ray[3 + z]
+    return Shear(x, y, z, ray[3 + x] / d, ray[3 + y] / d, 1.0 / d)
+
+
+@njit
+def _product_error(a: float, b: float, product: float) -> float:
+    """Return what rounding took from a product (Dekker, 1971)."""
+    s, t = _SPLIT * a, _SPLIT * b
+    a1, b1 = s - (s - a), t - (t - b)
+    a2, b2 = a - a1, b - b1
+    return a2 * b2 - (((product - a1 * b1) - a2 * b1) - a1 * b2)
+
+
+@njit
+def _edge_exactly(px: float, py: float, qx: float, qy: float) -> float:
+    a, b = px * qy, py * qx
+    exact = (a - b) + (_product_error(px, qy, a) - _product_error(py, qx, b))
+    if exact != 0.0:
+        return exact
+    # The origin moved by (e, e e) for an infinitely small e.
+    if py != qy:
+        return math.copysign(5e-324, py - qy)
+    if px != qx:
+        return math.copysign(5e-324, qx - px)
+    return 0.0
+
+
+@njit(inline=True)
+def _edge(px: float, py: float, qx: float, qy: float) -> float:
+    """Return twice the area of the origin, p, q, with the right sign and zero for p = q only."""
+    a, b = px * qy, py * qx
+    area = a - b
+    if abs(area) > 1e-15 * (abs(a) + abs(b)):
+        return area
+    return _edge_exactly(px, py, qx, qy)
+
+
+@njit
+def _cross_triangle(
+    numbers: NDArray[np.float64], at: int, ray: Ray, shear: Shear
+) -> tuple[float, float]:
+    """Return where a ray crosses a triangle, and 1 if inwards, -1 if outwards, 0 if it does not.
+
+    Parameters
+    ----------
+    numbers, at
+        The corners begin at ``numbers[at]``.
+    """
+    ox, oy, oz = ray[shear.x], ray[shear.y], ray[shear.z]
+    az, bz, cz = (
+        numbers[at + shear.z] - oz,
+        numbers[at + 3 + shear.z] - oz,
+        numbers[at + 6 + shear.z] - oz,
+    )
+    ax, ay = numbers[at + shear.x] - ox - shear.sx * az, numbers[at + shear.y] - oy - shear.sy * az
+    bx, by = (
+        numbers[at + 3 + shear.x] - ox - shear.sx * bz,
+        numbers[at + 3 + shear.y] - oy - shear.sy * bz,
+    )
+    u = _edge(ax, ay, bx, by)
+    cx, cy = (
+        numbers[at + 6 + shear.x] - ox - shear.sx * cz,
+        numbers[at + 6 + shear.y] - oy - shear.sy * cz,
+    )
+    v = _edge(bx, by, cx, cy)
+    if (u > 0.0) != (v > 0.0):
+        return 0.0, 0.0
+    w = _edge(cx, cy, ax, ay)
+    if (u > 0.0) != (w > 0.0) or u == 0.0 or v == 0.0 or w == 0.0:
+        return 0.0, 0.0
+    # Weights of a mean, so that t lies between those of the corners.
+    total = u + v + w
+    z = (u * cz + v * az + w * bz) / total if abs(total) > 1e-290 else az
+    t = z * shear.sz
+    return t, -math.copysign(1.0, u * shear.sz)
+
+
+@njit
+def cross_triangles(
+    pool: Pool,
+    mesh: Mesh,
+    ray: Ray,
+    want: int,
+    low: float,
+    high: float,
+    t: Array,
+    n: int,
+) -> tuple[int, float, int]:
+    """Visit the triangles that a ray crosses in [low, high].
+
+    Parameters
+    ----------
+    want
+        ALL: write t and 1 (inwards) or -1 (outwards) of every crossing to ``t[n:]``. FIRST: find
+        the nearest. ANY: find one. COUNT: find none.
+
+    Returns
+    -------
+    count, nearest, winding
+        Number of crossings visited, `OVERFLOW` if they do not fit; the t of the one that was
+        found; and the sum of the directions, which is what winds about ``ray(low)``.
+    """
+    numbers, integers = pool[0], pool[2]
+    waiting = local_integers()
+    entry = local_doubles()
+    shear = _make_shear(ray)
+    slabs = make_slabs(ray)
+    count = 0
+    winding = 0
+    nearest = math.inf
+    far = high
+    waiting[0] = 0
+    entry[0] = low
+    entries = local_doubles()
+    top = 1
+    while top > 0:
+        top -= 1
+        if entry[top] > far:
+            continue
+        ref = waiting[top]
+        if ref < 0:
+            run = -1 - ref
+            for k in range(run >> 3, (run >> 3) + (run & 7)):
+                s, way = _cross_triangle(numbers, mesh.corners + 9 * k, ray, shear)
+                if way == 0.0 or not low <= s <= far:
+                    continue
+                winding += int(way)
+                if want == ALL:
+                    if n + 2 * count + 4 > len(t):
+                        return OVERFLOW, nearest, winding
+                    t[n + 2 * count] = s
+                    t[n + 2 * count + 1] = way
+                elif want != COUNT:
+                    nearest = s
+                    far = s
+                count += 1
+                if want == ANY:
+                    return count, nearest, winding
+            continue
+        block = np.uint64(mesh.boxes + BLOCK_SIZE * ref)
+        met = meet_block_at(numbers, block, slabs, low, far, entries)
+        base = mesh.refs + WIDTH * ref
+        begin = top
+        while met != _NONE:
+            k = wide(count_trailing_zeros(met))
+            met &= met - _ONE
+            # The nearest comes last, so that it is visited first.
+            p = top
+            if want != ALL:
+                while p > begin and entry[p - 1] < entries[k]:
+                    entry[p], waiting[p] = entry[p - 1], waiting[p - 1]
+                    p -= 1
+            entry[p] = entries[k]
+            waiting[p] = integers[base + k]
+            top += 1
+    return count, nearest, winding
+
+
+@njit
+def _sort_pairs(t: Array, n: int, count: int) -> None:
+    """Sort pairs of numbers by the first of each."""
+    for i in range(1, count):
+        a, b = t[n + 2 * i], t[n + 2 * i + 1]
+        k = i
+        while k > 0 and t[n + 2 * k - 2] > a:
+            t[n + 2 * k], t[n + 2 * k + 1] = t[n + 2 * k - 2], t[n + 2 * k - 1]
+            k -= 1
+        t[n + 2 * k], t[n + 2 * k + 1] = a, b
+
+
+@njit
+def mesh_crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
+    """Write the intervals of a mesh; see `registry.Solid.crossings`."""
+    mesh = find_mesh(args, at, pool)
+    numbers, integers = pool[0], pool[2]
+    closed = integers[mesh.head + CLOSED] == 1
+    if want != ALL and (not closed or _starts_outside(numbers, mesh.numbers, ray)):
+        # Outside of its box a ray is outside of the solid, so that the first crossing leads in.
+        count, nearest, _ = cross_triangles(pool, mesh, ray, want, ray.tmin, ray.tmax, t, n)
+        if count == 0:
+            return n
+        t[n], t[n + 1] = nearest, math.inf if closed else nearest
+        return n + 2
+    count, _, _ = cross_triangles(pool, mesh, ray, ALL, -math.inf, math.inf, t, n)
+    if count < 0:
+        return OVERFLOW
+    _sort_pairs(t, n, count)
+    fastest = max(abs(ray.dx), abs(ray.dy), abs(ray.dz))
+    size = numbers[mesh.numbers + REACH] + abs(ray.ox) + abs(ray.oy) + abs(ray.oz)
+    apart = _ROUNDING * size / fastest
+    return _pair_up(t, n, count, apart) if closed else _keep_apart(t, n, count, apart)
+
+
+@njit
+def _starts_outside(numbers: Array, at: int, ray: Ray) -> bool:
+    """Return whether a ray begins outside of a mesh's box."""
+    for axis in range(3):
+        p = ray[axis] + ray.tmin * ray[3 + axis]
+        if not numbers[at + BOX + axis] <= p <= numbers[at + BOX + 3 + axis]:
+            return True
+    return False
+
+
+@njit
+def _pair_up(t: Array, n: int, count: int, apart: float) -> int:
+    """Turn sorted crossings into intervals where the winding number is not zero."""
+    winding = 0
+    out = n
+    entered = 0.0
+    for k in range(count):
+        s, way = t[n + 2 * k], int(t[n + 2 * k + 1])
+        if winding == 0:
+            entered = s
+        winding += way
+        if winding == 0:
+            if out > n and entered - t[out - 1] <= apart:
+                t[out - 1] = s
+            elif s - entered > apart:
+                t[out], t[out + 1] = entered, s
+                out += 2
+    return out
+
+
+@njit
+def _keep_apart(t: Array, n: int, count: int, apart: float) -> int:
+    """Turn sorted crossings into intervals of length zero, those in one place into one."""
+    out = n
+    for k in range(count):
+        s = t[n + 2 * k]
+        if out == n or s - t[out - 1] > apart:
+            t[out], t[out + 1] = s, s
+            out += 2
+    return out
+
+
+@njit
+def mesh_contains(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
+    """Return whether a mesh winds about a point."""
+    mesh = find_mesh(args, at, pool)
+    if pool[2][mesh.head + CLOSED] == 0:
+        return False
+    # Any direction does.
+    ray = Ray(p.x, p.y, p.z, 0.36, 0.48, 0.8, 0.0, math.inf)
+    numbers = pool[0]
+    if _starts_outside(numbers, mesh.numbers, ray):
+        return False
+    _, _, winding = cross_triangles(pool, mesh, ray, COUNT, 0.0, math.inf, local_doubles(), 0)
+    return winding != 0
+
+
+class Place(NamedTuple):
+    """A point of a mesh: the triangle, and the weights of its corners."""
+
+    triangle: int
+    a: float
+    b: float
+    c: float
+
+
+@njit
+def _dot3(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
+    return ax * bx + ay * by + az * bz
+
+
+@njit
+def _closest(numbers: Array, at: int, p: Vec3) -> tuple[float, float, float, float]:
+    """Return the weights of the point of a triangle nearest to p, and its squared distance.
+
+    Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
+    """
+    ax, ay, az = numbers[at], numbers[at + 1], numbers[at + 2]
+    ux, uy, uz = numbers[at + 3] - ax, numbers[at + 4] - ay, numbers[at + 5] - az
+    vx, vy, vz = numbers[at + 6] - ax, numbers[at + 7] - ay, numbers[at + 8] - az
+    px, py, pz = p.x - ax, p.y - ay, p.z - az
+    d1, d2 = _dot3(ux, uy, uz, px, py, pz), _dot3(vx, vy, vz, px, py, pz)
+    uu, uv, vv = (
+        _dot3(ux, uy, uz, ux, uy, uz),
+        _dot3(ux, uy, uz, vx, vy, vz),
+        _dot3(vx, vy, vz, vx, vy, vz),
+    )
+    # What d1 and d2 are from the second and the third corner.
+    d3, d4 = d1 - uu, d2 - uv
+    d5, d6 = d1 - uv, d2 - vv
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    if d1 <= 0.0 and d2 <= 0.0:
+        b, c = 0.0, 0.0
+    elif d3 >= 0.0 and d4 <= d3:
+        b, c = 1.0, 0.0
+    elif d6 >= 0.0 and d5 <= d6:
+        b, c = 0.0, 1.0
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        b, c = d1 / (d1 - d3), 0.0
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        b, c = 0.0, d2 / (d2 - d6)
+    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        c = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        b = 1.0 - c
+    else:
+        b, c = vb / (va + vb + vc), vc / (va + vb + vc)
+    qx, qy, qz = px - b * ux - c * vx, py - b * uy - c * vy, pz - b * uz - c * vz
+    return 1.0 - b - c, b, c, _dot3(qx, qy, qz, qx, qy, qz)
+
+
+@njit
+def locate(pool: Pool, mesh: Mesh, p: Vec3) -> Place:
+    """Return the place of a mesh that is nearest to a point."""
+    numbers, integers = pool[0], pool[2]
+    waiting = local_integers()
+    distance = local_doubles()
+    best = math.inf
+    found = Place(0, 1.0, 0.0, 0.0)
+    waiting[0] = 0
+    distance[0] = 0.0
+    top = 1
+    while top > 0:
+        top -= 1
+        if distance[top] >= best:
+            continue
+        ref = waiting[top]
+        if ref < 0:
+            run = -1 - ref
+            for k in range(run >> 3, (run >> 3) + (run & 7)):
+                a, b, c, d = _closest(numbers, mesh.corners + 9 * k, p)
+                if d < best:
+                    best = d
+                    found = Place(k, a, b, c)
+            continue
+        begin = top
+        for k in range(WIDTH):
+            box = mesh.boxes + BLOCK_SIZE * ref + k
+            d = 0.0
+            for axis in range(3):
+                below = numbers[box + WIDTH * axis] - p[axis]
+                above = p[axis] - numbers[box + WIDTH * (3 + axis)]
+                beside = max(below, above, 0.0)
+                d += beside * beside
+            if not d < best:
+                continue
+            place = top
+            while place > begin and distance[place - 1] < d:
+                distance[place], waiting[place] = distance[place - 1], waiting[place - 1]
+                place -= 1
+            distance[place] = d
+            waiting[place] = integers[mesh.refs + WIDTH * ref + k]
+            top += 1
+    return found
+
+
+@njit
+def face_normal(numbers: Array, at: int) -> Vec3:
+    """Return the normal of a triangle by the order of its corners, twice its area long."""
+    ax, ay, az = numbers[at], numbers[at + 1], numbers[at + 2]
+    ux, uy, uz = numbers[at + 3] - ax, numbers[at + 4] - ay, numbers[at + 5] - az
+    vx, vy, vz = numbers[at + 6] - ax, numbers[at + 7] - ay, numbers[at + 8] - az
+    return Vec3(uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx)
+
+
+@njit
+def interpolate(numbers: Array, at: int, width: int, k: int, place: Place) -> float:
+    """Return the mean of number k of the three corners; each has `width` of them."""
+    at += 3 * width * place.triangle + k
+    a, b, c = numbers[at], numbers[at + width], numbers[at + 2 * width]
+    mean: float = place.a * a + place.b * b + place.c * c
+    return mean

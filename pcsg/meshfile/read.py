@@ -1,0 +1,51 @@
+"""From a path to a mesh: the reader by the end of the name, and what holds for every format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from pcsg.meshfile.glb import read_glb
+from pcsg.meshfile.mesh import Mesh, MeshFileError
+from pcsg.meshfile.obj import read_obj
+from pcsg.meshfile.ply import read_ply
+from pcsg.meshfile.stl import read_stl
+
+READERS: dict[str, Callable[[str, bytes], Mesh]] = {
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".glb": read_glb,
+}
+"""Readers by the end of the file's name; they take the name for messages, and the bytes."""
+
+
+def read_mesh(path: str | Path) -> Mesh:
+    """Read a mesh.
+
+    Parameters
+    ----------
+    path
+        A file that ends in ``.obj``, ``.ply``, ``.stl`` or ``.glb``. Coordinates are taken as they
+        are: axes are not turned and units not changed. In GLB the transformations of the nodes
+        are applied.
+
+    Raises
+    ------
+    MeshFileError
+        The file is not there, is damaged, holds no polygons, or is of another kind.
+    """
+    path = Path(path)
+    name = str(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        known = ", ".join(READERS)
+        raise MeshFileError(name, None, f"the name of a mesh file ends in one of {known}")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise MeshFileError(name, None, error.strerror or str(error)) from None
+    mesh = reader(name, data)
+    if not mesh.polygon_count:
+        raise MeshFileError(name, None, "no polygons")
+    return mesh

@@ -1,0 +1,136 @@
+"""Boxes of parts of a recipe, computed when their matrices and values are known.
+
+A bounding shape is a run of numbers: SIDES, the sides of an entry's box as functions of its inputs
+(`graph.sides`); BALL, a box of six numbers and a ball of four, which rotations do not make grow;
+CORNERS, their number and the points themselves.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.jit import njit
+from pcsg.vec import Affine
+
+SIDES, BALL, CORNERS = range(3)
+
+PAD = 1e-9
+"""Relative to the largest coordinate, for rounding."""
+
+
+@njit
+def _bound_corners(
+    m: Affine, shapes: NDArray[np.float64], at: int, box: NDArray[np.float64]
+) -> None:
+    for k in range(int(shapes[at])):
+        x, y, z = shapes[at + 1 + 3 * k], shapes[at + 2 + 3 * k], shapes[at + 3 + 3 * k]
+        for i in range(3):
+            p = m[4 * i] * x + m[4 * i + 1] * y + m[4 * i + 2] * z + m[4 * i + 3]
+            box[i] = min(box[i], p)
+            box[i + 3] = max(box[i + 3], p)
+
+
+@njit
+def bound_box(
+    m: Affine,
+    source: NDArray[np.float64],
+    at: int,
+    x: float,
+    y: float,
+    z: float,
+    radius: float,
+    box: NDArray[np.float64],
+    to: int,
+) -> None:
+    """Write the box of what a matrix makes of ``source[at:]`` within a ball to ``box[to:]``."""
+    for i in range(3):
+        lower = m[4 * i + 3]
+        upper = lower
+        for j in range(3):
+            a = m[4 * i + j]
+            if a > 0.0:
+                lower += a * source[at + j]
+                upper += a * source[at + j + 3]
+            elif a < 0.0:
+                lower += a * source[at + j + 3]
+                upper += a * source[at + j]
+        if radius < math.inf:
+            middle = m[4 * i] * x + m[4 * i + 1] * y + m[4 * i + 2] * z + m[4 * i + 3]
+            reach = radius * math.sqrt(m[4 * i] ** 2 + m[4 * i + 1] ** 2 + m[4 * i + 2] ** 2)
+            lower = max(lower, middle - reach)
+            upper = min(upper, middle + reach)
+        box[to + i] = lower
+        box[to + i + 3] = upper
+
+
+@njit
+def evaluate_sides(
+    shapes: NDArray[np.float64],
+    at: int,
+    values: NDArray[np.float64],
+    values_at: int,
+    box: NDArray[np.float64],
+) -> None:
+    """Write the box of an entry in its own frame, for given inputs."""
+    at += 1
+    for i in range(6):
+        most = -math.inf
+        n = int(shapes[at + 2])
+        for k in range(n):
+            x = values[values_at + int(shapes[at + 3 + k])]
+            most = max(most, -x if i < 3 else x)
+        side = max(most + shapes[at], shapes[at + 1])
+        box[i] = -side if i < 3 else side
+        at += 3 + n
+
+
+@njit
+def pad_box(box: NDArray[np.float64]) -> None:
+    """Grow a box outwards for rounding."""
+    largest = 1e-3
+    for i in range(6):
+        if abs(box[i]) < math.inf:
+            largest = max(largest, abs(box[i]))
+    for i in range(3):
+        box[i] -= PAD * largest
+        box[i + 3] += PAD * largest
+
+
+@njit
+def bound_part(
+    kind: int,
+    m: Affine,
+    shapes: NDArray[np.float64],
+    at: int,
+    values: NDArray[np.float64],
+    values_at: int,
+    work: NDArray[np.float64],
+    box: NDArray[np.float64],
+) -> None:
+    """Write the box of a part in the frame that its matrix leads to, padded outwards.
+
+    Parameters
+    ----------
+    kind, shapes, at
+        Its bounding shape.
+    values, values_at
+        The inputs of an entry.
+    work : float64 (6,)
+        Working space.
+    box : float64 (6,)
+        Receives lower x, y, z, upper x, y, z.
+    """
+    if kind == CORNERS:
+        for i in range(3):
+            box[i], box[i + 3] = math.inf, -math.inf
+        _bound_corners(m, shapes, at, box)
+    elif kind == BALL:
+        x, y, z = shapes[at + 6], shapes[at + 7], shapes[at + 8]
+        bound_box(m, shapes, at, x, y, z, shapes[at + 9], box, 0)
+    else:
+        evaluate_sides(shapes, at, values, values_at, work)
+        bound_box(m, work, 0, 0.0, 0.0, 0.0, shapes[at], box, 0)
+    pad_box(box)

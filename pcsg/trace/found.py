@@ -1,0 +1,201 @@
+"""What the engine of states finds, and hits whose surface is worked out when it is asked for."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
+from pcsg.jit import njit
+from pcsg.leaf.dispatch import leaf_attributes, leaf_uv
+from pcsg.leaf.registry import LEAVES, Pool, Solid
+from pcsg.trace.blocks import Blocks
+from pcsg.trace.hits import Hits
+from pcsg.vec import Vec3
+
+
+class Found(NamedTuple):
+    """What a kernel writes of N rays.
+
+    Attributes
+    ----------
+    t : float64 (N,)
+        Infinite where missed.
+    record : int32 (N,)
+        Number of the leaf record in the blocks, -1 where missed.
+    position, normal : float64 (N, 3)
+        World coordinates; unit and outward. Zero where missed.
+    local : float64 (N, 3)
+        The place in the leaf's frame; nothing where missed.
+    """
+
+    t: NDArray[np.float64]
+    record: NDArray[np.int32]
+    position: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    local: NDArray[np.float64]
+
+
+def make_found(n: int) -> Found:
+    """Return room for what is found of n rays; the kernel writes all of it."""
+    # One piece: the system hands it out in large pages, ten times as fast as many small ones.
+    room = np.empty(11 * n)
+    t, record = room[:n], room[n : 2 * n].view(np.int32)[:n]
+    vectors = (room[k * n : (k + 3) * n].reshape(n, 3) for k in (2, 5, 8))
+    return Found(t, record, *vectors)
+
+
+@njit(entry=True)
+def find_uv(
+    leaves: NDArray[np.int32],
+    args: NDArray[np.float64],
+    pool: Pool,
+    record: NDArray[np.int32],
+    local: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Write the surface coordinates of hits; those of misses stay.
+
+    Parameters
+    ----------
+    leaves, args
+        As in `Trees`.
+    record, local
+        As in `Found`.
+    out : float64 (N, 2)
+    """
+    for i in range(len(record)):
+        if record[i] >= 0:
+            leaf = 4 * record[i]
+            p = Vec3(local[i, 0], local[i, 1], local[i, 2])
+            out[i, 0], out[i, 1] = leaf_uv(leaves[leaf], p, args, leaves[leaf + 1], pool)
+
+
+@njit(entry=True)
+def find_own_attributes(
+    leaves: NDArray[np.int32],
+    args: NDArray[np.float64],
+    pool: Pool,
+    record: NDArray[np.int32],
+    local: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Write the colours and labels that leaves with data have themselves; negative for none.
+
+    Parameters
+    ----------
+    leaves, args, record, local
+        As for `find_uv`.
+    out : float64 (N, 4)
+    """
+    for i in range(len(record)):
+        if record[i] >= 0:
+            leaf = 4 * record[i]
+            p = Vec3(local[i, 0], local[i, 1], local[i, 2])
+            own = leaf_attributes(leaves[leaf], p, args, leaves[leaf + 1], pool)
+            for k in range(4):
+                out[i, k] = own[k]
+
+
+class FoundHits(Hits):
+    """First crossings that are looked up in the leaf records when somebody asks.
+
+    Parameters
+    ----------
+    found
+        What the kernel wrote.
+    blocks, pool
+        What was traced.
+    """
+
+    def __init__(self, found: Found, blocks: Blocks, pool: Pool) -> None:
+        self._found: Found
+        self._blocks: Blocks
+        self._pool: Pool
+        self._walked: tuple[NDArray[np.int64], Hits] | None
+        # The fields of hits are frozen.
+        vars(self).update(t=found.t, position=found.position, normal=found.normal)
+        vars(self).update(_found=found, _blocks=blocks, _pool=pool, _walked=None)
+
+    def replace(self, at: NDArray[np.int64], hits: Hits) -> None:
+        """Take some of the hits from elsewhere; once, before anybody asks."""
+        found = self._found
+        found.t[at], found.position[at], found.normal[at] = hits.t, hits.position, hits.normal
+        vars(self).update(_walked=(at, hits))
+
+    def _complete(self, name: str, values: Any) -> Any:
+        """Put in what comes from elsewhere."""
+        if self._walked is not None:
+            at, hits = self._walked
+            values[at] = getattr(hits, name)
+        return values
+
+    def _attribute(self, slots: int | slice, kind: type) -> Any:
+        # The last row is for misses, whose record is -1.
+        table = self._blocks.attributes.reshape(-1, len(ATTRIBUTE_DEFAULTS))[:, slots]
+        return table.astype(kind)[self._found.record]
+
+    @cached_property
+    def _own(self) -> Any:
+        """Colours and labels of the leaves' own, None where no leaf has any."""
+        solids = tuple(LEAVES.values())
+        kinds = np.unique(self._blocks.leaves[::4])
+        if all(solids[kind].attributes is Solid.attributes for kind in kinds):
+            return None
+        own = np.full((len(self.t), 4), -1.0)
+        arrays = self._blocks.leaves, self._blocks.args, self._pool
+        find_own_attributes(*arrays, self._found.record, self._found.local, own)
+        return own
+
+    @cached_property
+    def leaf(self) -> Any:
+        """Numbers of the leaf nodes."""
+        return self._complete("leaf", self._blocks.nodes[self._found.record])
+
+    @cached_property
+    def uv(self) -> Any:
+        """Surface coordinates."""
+        uv = np.zeros((len(self.t), 2))
+        find_uv(
+            self._blocks.leaves,
+            self._blocks.args,
+            self._pool,
+            self._found.record,
+            self._found.local,
+            uv,
+        )
+        return self._complete("uv", uv)
+
+    @cached_property
+    def color(self) -> Any:
+        """Colors."""
+        color = self._attribute(slice(0, 3), np.float64)
+        if self._own is not None:
+            color = np.where(self._own[:, :3] >= 0.0, self._own[:, :3], color)
+        return self._complete("color", color)
+
+    @cached_property
+    def material(self) -> Any:
+        """Numbers of the materials."""
+        return self._complete("material", self._attribute(3, np.int64))
+
+    @cached_property
+    def texture(self) -> Any:
+        """Numbers of the textures."""
+        return self._complete("texture", self._attribute(4, np.int64))
+
+    @cached_property
+    def texture_scale(self) -> Any:
+        """Second arguments of `texture`."""
+        return self._complete("texture_scale", self._attribute(5, np.float64))
+
+    @cached_property
+    def label(self) -> Any:
+        """Labels."""
+        label = self._attribute(6, np.int64)
+        if self._own is not None:
+            label = np.where(self._own[:, 3] >= 0.0, self._own[:, 3].astype(np.int64), label)
+        return self._complete("label", label)

@@ -1,0 +1,441 @@
+"""Rays through states that are made on demand.
+
+Ordered traversal as in `kernel`, over items of slots: an entry's item leads to its state, which is
+made if it is not there (`slots`), a primitive's is crossed, and a fixture's is traced by the kernel
+of blocks. Below unions only, so that t shrinks to the first crossing.
+
+What cannot be decided here is left to the walker: rays that start on a surface or in a solid,
+paths that are too deep, and states that cannot be made, whose faults the walker tells.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.jit import njit
+from pcsg.leaf.dispatch import leaf_crossings
+from pcsg.leaf.registry import ALL, ANY, Pool
+from pcsg.simd import WIDTH, count_trailing_zeros
+from pcsg.slabs import Slabs, make_slabs, meet_block, wide
+from pcsg.trace.coverage import Coverage, draw_hit
+from pcsg.trace.groups import SUSPENDED
+from pcsg.trace.kernel import Extent, find_first
+from pcsg.trace.merge import tolerance
+from pcsg.trace.rulebook import (
+    E_STAND_IN,
+    ENTRY_FIELDS,
+    FIXTURE,
+    P_KIND,
+    P_SOLID,
+    P_TARGET,
+    PART_FIELDS,
+)
+from pcsg.trace.slots import FAULT, H_PARTS, HEAD, Lazy, Slots, make_stand_in, open_state
+from pcsg.trace.traversal import (
+    ENDS,
+    HIT,
+    HIT_PATH,
+    MAX_DEPTH,
+    MISS,
+    NONE,
+    PATH,
+    STACK,
+    UNDECIDED,
+    Scratch,
+    T,
+    Trees,
+    comes_first,
+    load_ray,
+    make_scratch,
+    store_ray,
+)
+from pcsg.vec import Affine, Ray, Vec3, determinant, load_affine, transform_ray
+
+_U1 = np.uint64(1)
+
+
+_NEAR_ORIGIN = Extent(Vec3(0.0, 0.0, 0.0), 0.0)
+
+
+class LazyScratch(NamedTuple):
+    """Working space of one thread: for items, and for the kernel of blocks.
+
+    Attributes
+    ----------
+    outer
+        Its `HIT_PATH` leads to the first hit's item by places in the text.
+    inner
+        For the kernel of blocks.
+    entries : float64 (4,)
+        Where a ray enters the boxes of a block.
+    path : int32
+        The path that leads on from a fixture to the first hit, its length first.
+    """
+
+    outer: Scratch
+    inner: Scratch
+    entries: NDArray[np.float64]
+    path: NDArray[np.int32]
+
+
+def make_lazy_scratch() -> LazyScratch:
+    """Return working space for one thread."""
+    return LazyScratch(
+        make_scratch(), make_scratch(), np.zeros(WIDTH), np.zeros(PATH + 2, np.int32)
+    )
+
+
+@njit
+def _keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None:
+    """Copy the present path down to a level, and its last part."""
+    paths[at] = level + 1
+    for k in range(level):
+        paths[at + 1 + k] = paths[k]
+    paths[at + 1 + level] = last
+
+
+@njit(inline=True)
+def _push_items(
+    slots: Slots,
+    slot: int,
+    width: int,
+    slabs: Slabs,
+    near: float,
+    far: float,
+    scratch: LazyScratch,
+    level: int,
+    top: int,
+) -> int:
+    """Push the items of a slot whose boxes a ray meets, the nearest last; return the new top."""
+    entry_t, entry_ref = scratch.outer.entry_t, scratch.outer.entry_ref
+    entries = scratch.entries
+    begin = top
+    for block in range((slots.heads[HEAD * slot + H_PARTS] + WIDTH - 1) // WIDTH):
+        base = slot * width + WIDTH * block
+        met = meet_block(slots.boxes, base // WIDTH, slabs, near, far, entries)
+        while met != NONE:
+            k = wide(count_trailing_zeros(met))
+            met &= met - _U1
+            t = entries[k]
+            p = top
+            while p > begin and entry_t[p - 1] < t:
+                entry_t[p] = entry_t[p - 1]
+                entry_ref[p] = entry_ref[p - 1]
+                p -= 1
+            entry_t[p] = t
+            entry_ref[p] = wide(slots.refs[base + k]) << 8 | level
+            top += 1
+    return top
+
+
+class LazyCut(NamedTuple):
+    """Where rays end that see a state smaller than their footprint.
+
+    Attributes
+    ----------
+    cover
+        Opacities of entries.
+    of_entry : int32 (E,)
+        Number of an entry in `cover`; STAND_IN, or NEVER.
+    linear : float64 (12 MAX_DEPTH,)
+        Working space of one thread: at every level, the linear part of local_from_world, and one
+        over the squares of its rows' lengths.
+    numbers, box : float64 (8,), (6,)
+        Working space.
+    """
+
+    cover: Coverage
+    of_entry: NDArray[np.int32]
+    linear: NDArray[np.float64]
+    numbers: NDArray[np.float64]
+    box: NDArray[np.float64]
+
+
+STAND_IN, NEVER = -1, -2
+_LEVEL = 12
+
+CUT = -2_000_000
+"""In a path, ``CUT - k`` stands for hit k of the coverage; ``-1 - k`` for part k of a stand-in."""
+
+
+@njit
+def _go_down(linear: NDArray[np.float64], level: int, m: Affine) -> None:
+    """Write what a level knows of the world, below a matrix from the level above."""
+    above, at = _LEVEL * level, _LEVEL * level + _LEVEL
+    for i in range(3):
+        square = 0.0
+        for j in range(3):
+            x = (
+                m[4 * i] * linear[above + j]
+                + m[4 * i + 1] * linear[above + 3 + j]
+                + m[4 * i + 2] * linear[above + 6 + j]
+            )
+            linear[at + 3 * i + j] = x
+            square += x * x
+        linear[at + 9 + i] = 1.0 / square
+
+
+@njit(inline=True)
+def _world_size(linear: NDArray[np.float64], level: int, box: NDArray[np.float64]) -> float:
+    """Return the diameter in the world of a box at a level, about.
+
+    The slab of an axis is as thick as its local thickness over the length of the axis' row,
+    whatever the matrix; together they give the diagonal where the rows are at right angles.
+    """
+    at = _LEVEL * level + 9
+    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+    return math.sqrt(x * x * linear[at] + y * y * linear[at + 1] + z * z * linear[at + 2])
+
+
+@njit(inline=True)
+def _load_box(slots: Slots, own: int, box: NDArray[np.float64]) -> None:
+    """Write the box of an item."""
+    at = 6 * (own // WIDTH * WIDTH) + own % WIDTH
+    for i in range(6):
+        box[i] = slots.boxes[at + WIDTH * i]
+
+
+@njit(inline=True)
+def _middle_of(box: NDArray[np.float64], ray: Ray) -> float:
+    """Return where a ray passes nearest to the middle of a box."""
+    x, y, z = 0.5 * (box[0] + box[3]), 0.5 * (box[1] + box[4]), 0.5 * (box[2] + box[5])
+    along = (x - ray.ox) * ray.dx + (y - ray.oy) * ray.dy + (z - ray.oz) * ray.dz
+    nearest: float = along / (ray.dx**2 + ray.dy**2 + ray.dz**2)
+    return nearest
+
+
+@njit
+def _area_of(box: NDArray[np.float64], ray: Ray) -> float:
+    """Return how large a box looks along a ray, times the length of the ray's direction."""
+    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+    area: float = abs(ray.dx) * y * z + abs(ray.dy) * z * x + abs(ray.dz) * x * y
+    return area
+
+
+@njit
+def _meet_end(
+    lazy: Lazy,
+    cut: LazyCut,
+    pool: Pool,
+    ends: NDArray[np.float64],
+    item: int,
+    outer: Ray,
+    inverse: Affine,
+    ray: Ray,
+    middle: float,
+    low: float,
+    far: float,
+) -> tuple[int, float, int]:
+    """Let what stands for a state that is too small stop a ray that meets its box.
+
+    Parameters
+    ----------
+    outer, ray
+        In the frame of the item's slot, and in the state's.
+    middle
+        Where the ray passes nearest to the middle of the box.
+
+    Returns
+    -------
+    int, t, step
+        HIT, MISS or UNDECIDED; the last step of the path.
+    """
+    book = lazy.book
+    shared = len(lazy.store.refs)
+    parts = lazy.store.parts if item < shared else lazy.cache.parts
+    entry = book.parts[PART_FIELDS * parts[item if item < shared else item - shared] + P_TARGET]
+    state = cut.of_entry[entry]
+    if state >= 0:
+        if not (low <= middle <= far):
+            return MISS, 0.0, 0
+        # Volumes, and lengths along the ray, tell how areas across it change with the frame.
+        scale = abs(determinant(inverse)) * _area_of(cut.box, outer)
+        hit = draw_hit(cut.cover, state, ray, scale, middle, cut.numbers)
+        return (HIT, middle, CUT - hit) if hit >= 0 else (MISS, 0.0, 0)
+    first = make_stand_in(lazy, item, book.entries[ENTRY_FIELDS * entry + E_STAND_IN])
+    if first == FAULT:
+        return UNDECIDED, 0.0, 0
+    best, step = math.inf, 0
+    own = first - shared
+    slots = lazy.cache
+    for k in range(slots.heads[HEAD * (own // book.width) + H_PARTS]):
+        part = PART_FIELDS * slots.parts[own + k]
+        local = transform_ray(load_affine(slots.inverses, 12 * (own + k)), ray)
+        solid, at = book.parts[part + P_SOLID] >> 1, book.n_values * (own + k)
+        n = leaf_crossings(solid, local, ALL, slots.values, at, pool, ends, ENDS)
+        if n > ENDS and low <= ends[ENDS] < best and ends[ENDS] <= far:
+            best, step = ends[ENDS], -1 - k
+    return (HIT, best, step) if best < math.inf else (MISS, 0.0, 0)
+
+
+@njit(contract=True, inline=True)
+def find_first_lazy(
+    lazy: Lazy,
+    trees: Trees,
+    pool: Pool,
+    scratch: LazyScratch,
+    start: int,
+    want: int,
+    world: Ray,
+    cut: LazyCut | None,
+    width: float,
+    spread: float,
+) -> int:
+    """Find the first crossing of a ray in [tmin, tmax].
+
+    Parameters
+    ----------
+    start
+        The item to begin with, and the ray in the frame of its slot; 0 for the axiom.
+    want
+        FIRST, or ANY for any crossing.
+    cut, width, spread
+        Where recursion ends below the ray's footprint ``width + spread t``; None for nowhere.
+
+    Returns
+    -------
+    int
+        HIT (``outer.small[T]`` is t), MISS, or UNDECIDED.
+    """
+    outer, inner = scratch.outer, scratch.inner
+    entry_t, entry_ref, rays = outer.entry_t, outer.entry_ref, outer.rays
+    paths, small = outer.paths, outer.small
+    book = lazy.book
+    shared = len(lazy.store.refs)
+    n_shared = len(lazy.store.heads) // HEAD
+    touch = world.tmin + tolerance(world.tmin)
+    near = world.tmin - 2.0 * tolerance(world.tmin)
+    best = world.tmax
+    far = best
+    hit = MISS
+    top = 0
+    at_level = 0
+    code = wide(start) << 3 | SUSPENDED
+    paths[HIT_PATH] = 0
+    store_ray(rays, 0, world, 0.0)
+    if cut is not None:
+        for k in range(12):
+            cut.linear[k] = 1.0 if k % 4 == 0 or k > 8 else 0.0
+    while True:
+        item = code >> 3
+        slots = lazy.store if item < shared else lazy.cache
+        own = item if item < shared else item - shared
+        part = PART_FIELDS * wide(slots.parts[own])
+        step = own % book.width
+        inverse = load_affine(slots.inverses, 12 * own)
+        above = load_ray(rays, at_level)
+        ray = transform_ray(inverse, above)
+        if code & 7 != SUSPENDED:
+            outer.visits[2] += 1
+            solid = book.parts[part + P_SOLID]
+            at = book.n_values * own
+            n = leaf_crossings(solid >> 1, ray, ALL, slots.values, at, pool, small, ENDS)
+            for k in range(ENDS, n, 2):
+                lo, hi = small[k], small[k + 1]
+                if solid & 1 == 1:
+                    if lo < world.tmin:
+                        continue
+                elif hi < near or hi <= lo:
+                    continue
+                elif lo <= touch:
+                    return UNDECIDED
+                if lo > world.tmax:
+                    break
+                e = tolerance(lo)
+                first = hit == MISS or lo < best - e
+                if first or (lo <= best + e and comes_first(paths, at_level, step, HIT_PATH)):
+                    hit = HIT
+                    best = lo
+                    far = min(world.tmax, best + e)
+                    _keep_path(paths, at_level, step, HIT_PATH)
+                break
+        elif book.parts[part + P_KIND] == FIXTURE:
+            block = wide(book.parts[part + P_TARGET])
+            limited = Ray(ray.ox, ray.oy, ray.oz, ray.dx, ray.dy, ray.dz, world.tmin, far)
+            found = find_first(
+                trees, pool, inner, block, Extent(Vec3(0.0, 0.0, 0.0), 0.0), want, limited
+            )
+            if found == HIT:
+                t = inner.small[T]
+                e = tolerance(t)
+                first = hit == MISS or t < best - e
+                if first or (t <= best + e and comes_first(paths, at_level, step, HIT_PATH)):
+                    hit = HIT
+                    best = t
+                    far = min(world.tmax, best + e)
+                    _keep_path(paths, at_level, step, HIT_PATH)
+                    for k in range(inner.paths[HIT_PATH] + 1):
+                        scratch.path[k] = inner.paths[HIT_PATH + k]
+            elif found != MISS:
+                return UNDECIDED
+        else:
+            if at_level + 4 >= MAX_DEPTH or top + book.width >= STACK - 8:
+                return UNDECIDED
+            outer.visits[1] += 1
+            paths[at_level] = step
+            opens = True
+            if cut is not None:
+                entry = wide(book.parts[part + P_TARGET])
+                if cut.of_entry[entry] != NEVER and item != start:
+                    _load_box(slots, own, cut.box)
+                    middle = _middle_of(cut.box, above)
+                    size = _world_size(cut.linear, at_level, cut.box)
+                    opens = not size < width + spread * max(middle, 0.0)
+                if not opens:
+                    found, t, last = _meet_end(
+                        lazy,
+                        cut,
+                        pool,
+                        small,
+                        item,
+                        above,
+                        inverse,
+                        ray,
+                        middle,
+                        world.tmin,
+                        far,
+                    )
+                    if found == UNDECIDED:
+                        return UNDECIDED
+                    e = tolerance(t)
+                    level = at_level + 1
+                    first = hit == MISS or t < best - e
+                    tied = t <= best + e and comes_first(paths, level, last, HIT_PATH)
+                    if found == HIT and (first or tied):
+                        hit = HIT
+                        best = t
+                        far = min(world.tmax, best + e)
+                        _keep_path(paths, level, last, HIT_PATH)
+                else:
+                    _go_down(cut.linear, at_level, inverse)
+            if opens:
+                at_level += 1
+                store_ray(rays, at_level, ray, 0.0)
+                slot = open_state(lazy, item, at_level)
+                if slot == FAULT:
+                    return UNDECIDED
+                slabs = make_slabs(ray)
+                if slot < n_shared:
+                    top = _push_items(
+                        lazy.store, slot, book.width, slabs, near, far, scratch, at_level, top
+                    )
+                else:
+                    slot -= n_shared
+                    top = _push_items(
+                        lazy.cache, slot, book.width, slabs, near, far, scratch, at_level, top
+                    )
+        if hit == HIT and want == ANY:
+            # Only a solid about the start could still hide it.
+            far = min(far, touch)
+        while top > 0 and entry_t[top - 1] > far:
+            top -= 1
+        if top == 0:
+            small[T] = best
+            return hit
+        top -= 1
+        code = entry_ref[top] >> 8
+        at_level = wide(entry_ref[top] & 255)

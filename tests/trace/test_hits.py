@@ -1,0 +1,71 @@
+"""Hits that are looked up on demand, beside those of the walker."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pcsg
+from pcsg.errors import UsageError
+
+COLOURED = """
+ball | move(3,0,0) color(1,0,0) label(7) torus(0.3) | move(0,3,0) material(bark) uscale(0.5) box
+ball = sphere \\ move(0.5,0.5,0.5) uscale(0.7) box
+material bark { roughness = 0.5 }
+"""
+NAMES = ("t", "position", "normal", "leaf", "uv", "label", "color", "material", "texture")
+
+
+def _rays(n: int = 400) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(5)
+    origins = rng.normal(size=(n, 3)) * 2.0  # some of them inside
+    return origins, rng.uniform(-1, 4, (n, 3)) * (1, 1, 0.2) - origins
+
+
+def test_everything_about_a_hit_is_the_walkers() -> None:
+    walked = pcsg.loads(COLOURED, engine="cyclic").intersect(*_rays())
+    found = pcsg.loads(COLOURED, engine="states").intersect(*_rays())
+    assert 100 < found.mask.sum() < 400
+    for name in (*NAMES, "texture_scale"):
+        np.testing.assert_allclose(
+            getattr(found, name), getattr(walked, name), rtol=1e-9, atol=1e-9, err_msg=name
+        )
+
+
+def test_hits_do_not_change_with_the_rays_of_the_user() -> None:
+    origins, directions = _rays()
+    found = pcsg.loads(COLOURED, engine="states").intersect(origins, directions)
+    before = found.position.copy(), pcsg.loads(COLOURED).intersect(*_rays()).uv
+    origins += 1.0
+    directions *= 2.0
+    np.testing.assert_array_equal(found.position, before[0])
+    np.testing.assert_array_equal(found.uv, before[1])
+
+
+@pytest.mark.parametrize(
+    ("origin", "direction", "limits", "message"),
+    [
+        ((0, 0, np.nan), (0, 0, 1), (0, 1), "finite"),
+        ((0, 0, 0), (0, np.inf, 1), (0, 1), "finite"),
+        ((0, 0, 0), (0, 0, 0), (0, 1), "zero"),
+        ((0, 0, 0), (0, 0, 1), (np.nan, 1), "t_min"),
+        ((0, 0, 0), (0, 0, 1), (0, np.nan), "t_max"),
+    ],
+)
+@pytest.mark.parametrize("verb", ["intersect", "occluded"])
+def test_one_bad_ray_among_good_ones_is_told(origin, direction, limits, message, verb) -> None:
+    origins, directions = _rays(40_000)
+    origins[30_000], directions[30_000] = origin, direction
+    scene = pcsg.loads(COLOURED, engine="states", threads=2)
+    with pytest.raises(UsageError, match=message):
+        getattr(scene, verb)(origins, directions, *limits)
+
+
+def test_limits_of_single_rays() -> None:
+    scene = pcsg.loads("sphere", engine="states")
+    origins = np.array([(0.0, 0.0, 5.0)] * 3)
+    t_max = np.array([10.0, 3.0, 10.0])
+    hits = scene.intersect(origins, (0.0, 0.0, -1.0), 0.0, t_max)
+    assert hits.mask.tolist() == [True, False, True]
+    hits = scene.intersect(origins, (0.0, 0.0, -1.0), np.array([0.0, 0.0, 7.0]), 10.0)
+    assert hits.mask.tolist() == [True, True, False]
