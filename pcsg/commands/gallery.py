@@ -50,7 +50,7 @@ PICTURES = (
     Picture("menger", "The Menger sponge"),
     Picture("dawn", "A forest on an island at dawn"),
     Picture("zoom", "Near the corner of a Sierpinski tetrahedron of order 40"),
-    Picture("sponge", "Inside a Menger sponge"),
+    Picture("sponge", "Inside a Menger sponge of order 6"),
     Picture("meadow", "A meadow"),
     Picture("wind", "An autumn tree in the wind"),
     Picture("glass", "Glass, metal and marble"),
