@@ -9,13 +9,14 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import rays
+from benchmarks import modes, rays
 from benchmarks.report import Effort, Subject, describe_machine, lines_of
 
 SUBJECTS: tuple[Subject, ...] = (
     rays.FIRST,
     rays.ANY,
     rays.THREADS,
+    modes.MODES,
 )
 RESULTS = Path(__file__).parent / "RESULTS.md"
 
