@@ -9,7 +9,7 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import modes, rays
+from benchmarks import detail, mesh, modes, operations, pictures, rays
 from benchmarks.report import Effort, Subject, describe_machine, lines_of
 
 SUBJECTS: tuple[Subject, ...] = (
@@ -17,6 +17,12 @@ SUBJECTS: tuple[Subject, ...] = (
     rays.ANY,
     rays.THREADS,
     modes.MODES,
+    mesh.MESH,
+    operations.OPERATIONS,
+    detail.LAZY,
+    detail.DETAIL,
+    pictures.PICTURES,
+    pictures.STARTUP,
 )
 RESULTS = Path(__file__).parent / "RESULTS.md"
 
@@ -37,7 +43,7 @@ def main(arguments: list[str] | None = None) -> None:
     lines = [
         "# Results",
         "",
-        f"`{command}` of {date}; [how to read it](../docs/performance.md).",
+        f"`{command}` of {date}; [what it tells](../docs/engines.md).",
         "",
     ]
     lines += [*describe_machine(), ""]

@@ -41,6 +41,10 @@ MaxMemory = Annotated[
     str | None,
     typer.Option("--max-memory", metavar="SIZE", help="Such as 4G; default half of the machine."),
 ]
+BlockMemory = Annotated[
+    str | None,
+    typer.Option("--block-memory", metavar="SIZE", help="For states made beforehand; 16M."),
+]
 EngineName = Annotated[
     str, typer.Option("--engine", metavar="NAME", help="auto, cyclic or states.")
 ]
@@ -111,13 +115,20 @@ def render(
     show_every: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Write the picture so far now and then.")
     ] = None,
+    detail: Annotated[
+        float, typer.Option(metavar="PIXELS", help="Size of what is not looked into; 0 for none.")
+    ] = 0.5,
     threads: Annotated[
         int | None, typer.Option(help="Default: one per processor.", show_default=False)
     ] = None,
     include: Include = [],  # noqa: B006 - typer copies defaults
     max_memory: MaxMemory = None,
+    block_memory: BlockMemory = None,
     engine: EngineName = "auto",
     json: Json = False,
+    profile: Annotated[
+        bool, typer.Option("--profile", help="Say what a ray visits on average.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say more.")] = False,
 ) -> None:
@@ -152,8 +163,11 @@ def render(
             threads=threads,
             include=include,
             max_memory=max_memory,
+            block_memory=block_memory,
+            detail=detail,
             engine=engine,
             json=json,
+            profile=profile,
             quiet=quiet,
             verbose=verbose,
         )
@@ -182,13 +196,14 @@ def stats(
     time: Time = None,
     include: Include = [],  # noqa: B006 - typer copies defaults
     max_memory: MaxMemory = None,
+    block_memory: BlockMemory = None,
     engine: EngineName = "auto",
     json: Json = False,
 ) -> None:
     """Count a grammar's nodes, states, primitives and bytes."""
     from pcsg.commands.stats import run
 
-    run(file, assignments, seed, time, include, max_memory, engine, json)
+    run(file, assignments, seed, time, include, max_memory, block_memory, engine, json)
 
 
 @app.command()
@@ -300,6 +315,15 @@ def gallery(
     from pcsg.commands.gallery import run
 
     run(names or [], render, output, ["--size", size, "--samples", str(samples)])
+
+
+@app.command()
+@guard
+def warmup(json: Json = False) -> None:
+    """Compile all kernels now, so that the first picture need not wait."""
+    from pcsg.commands.warmup import run
+
+    run(json)
 
 
 def main() -> None:

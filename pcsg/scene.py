@@ -254,7 +254,7 @@ class Scene:
     @cached_property
     def sheets(self) -> NDArray[np.bool_]:
         """Which nodes of the graph are sheets, bool (nodes,): leaves without an inside."""
-        return np.array([isinstance(n, Leaf) and n.solid.sheet for n in self.graph.nodes])
+        return np.array([isinstance(n, Leaf) and n.is_sheet for n in self.graph.nodes])
 
     def setting_values(self, kind: str) -> list[dict[str, Any]]:
         """Return the settings of a kind, defaults filled in, None where automatic."""

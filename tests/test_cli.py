@@ -254,3 +254,18 @@ def test_an_interrupt_keeps_the_partial_picture(tmp_path):
     assert "Traceback" not in said
     assert "ball.png" in said
     assert (tmp_path / "ball.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_warmup_tells_what_it_has_compiled(run):
+    took = json.loads(run("warmup", "--json").output)
+    assert len(took) >= 3
+    assert all(seconds >= 0.0 for seconds in took.values())
+    assert "s\n" in run("warmup").output
+
+
+def test_a_profile_tells_what_rays_visit(run):
+    result = run("render", "ball.pcsg", "--size", "16x16", "--profile")
+    assert result.exit_code == 0
+    assert "rays; on average a ray visits" in result.output and "blocks" in result.output
+    walked = run("render", "ball.pcsg", "--size", "16x16", "--profile", "--engine", "cyclic")
+    assert "keeps no profile" in walked.output

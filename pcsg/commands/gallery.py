@@ -52,6 +52,7 @@ PICTURES = (
     Picture("zoom", "Near the corner of a Sierpinski tetrahedron of order 40"),
     Picture("sponge", "Inside a Menger sponge of order 6"),
     Picture("meadow", "A meadow"),
+    Picture("flock", "A flock of birds"),
     Picture("wind", "An autumn tree in the wind"),
     Picture("glass", "Glass, metal and marble"),
 )

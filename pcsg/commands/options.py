@@ -31,13 +31,13 @@ def parse_tile(text: str | None) -> tuple[int, int] | None:
     return int(match[1]), int(match[2])
 
 
-def parse_memory(text: str | None) -> int | None:
+def parse_memory(text: str | None, option: str = "--max-memory") -> int | None:
     """Return the bytes of ``4G``, ``512M``, ``1.5GB`` or a plain number."""
     if text is None:
         return None
     match = re.fullmatch(r"\s*(\d{1,18}(?:\.\d*)?)\s*([KMGT]?)(?:i?B)?\s*", text, re.IGNORECASE)
     if not match:
-        raise UsageError(f"--max-memory takes a size such as 4G or 512M, not `{text}`")
+        raise UsageError(f"{option} takes a size such as 4G or 512M, not `{text}`")
     return int(float(match[1]) * _UNITS[match[2].upper()])
 
 

@@ -47,8 +47,11 @@ class RenderArguments:
     threads: int | None
     include: Sequence[Path]
     max_memory: str | None
+    block_memory: str | None
+    detail: float
     engine: str
     json: bool
+    profile: bool
     quiet: bool
     verbose: bool
 
@@ -76,6 +79,7 @@ def run(arguments: RenderArguments) -> None:
         arguments.time,
         arguments.include,
         arguments.max_memory,
+        arguments.block_memory,
         arguments.engine,
     )
     if not arguments.quiet:
@@ -101,6 +105,8 @@ def run(arguments: RenderArguments) -> None:
         raise
     files = _save(job, output, layers, arguments)
     kept.unlink(missing_ok=True)
+    if arguments.profile:
+        _tell_profile(scene)
     if arguments.json:
         typer.echo(json.dumps(_summary(job, files)))
     elif not arguments.quiet and files:
@@ -144,16 +150,15 @@ def _options(arguments: RenderArguments) -> Options:
         max_memory=parse_memory(arguments.max_memory),
         overrides={kind: values for kind, values in settings.items() if values},
         tile=parse_tile(arguments.tile),
+        detail=arguments.detail,
     )
 
 
 def _announce_compilation(scene: Scene) -> None:
     """Say that the first picture after an installation takes its time."""
     from pcsg.jit import is_cached
-    from pcsg.trace.batch import trace_batch
-    from pcsg.trace.blocks_batch import find_batch
 
-    if not is_cached(find_batch if scene.engine == "states" else trace_batch):
+    if not is_cached(scene.tracer.kernel):
         say("compiling kernels, once per installation: about half a minute")
 
 
@@ -188,6 +193,16 @@ def _save_part(job: Job, output: Path, kept: Path) -> None:
     state = f"pass {passes.pass_number} of {passes.passes}"
     missing = "" if share == 1 else f", {100 * share:.0f}% of the pixels (the rest is transparent)"
     say(f"stopped in {state}{missing}; the partial picture is {output}, --resume finishes it")
+
+
+def _tell_profile(scene: Scene) -> None:
+    """Say what a ray has visited."""
+    profile = getattr(scene.tracer, "profile", None)
+    if profile is None:
+        say("the engine `cyclic` keeps no profile")
+        return
+    parts = [f"{value:.3g} {name}" for name, value in profile.items() if name != "rays"]
+    say(f"{profile['rays']:,.0f} rays; on average a ray visits {', '.join(parts)}")
 
 
 def _summary(job: Job, files: Sequence[Path]) -> dict[str, Any]:

@@ -20,6 +20,7 @@ def open_scene(
     time: float | None,
     include: Sequence[Path],
     max_memory: str | None,
+    block_memory: str | None,
     engine: str,
 ) -> Scene:
     """Return the scene of a grammar with the options' values."""
@@ -29,12 +30,14 @@ def open_scene(
     if time is not None:
         values.setdefault("TIME", parse_number(str(time), "--time"))
     limit = parse_memory(max_memory)
+    blocks = parse_memory(block_memory, "--block-memory")
     from pcsg.scene import load
 
     return load(
         file,
         include=include,
         max_memory=limit,
+        block_memory=blocks,
         engine=cast("Engine", engine),  # Scene checks it
         parameters=values,
     )

@@ -21,11 +21,12 @@ def run(
     time: float | None,
     include: Sequence[Path],
     max_memory: str | None,
+    block_memory: str | None,
     engine: str,
     as_json: bool,
 ) -> None:
     """Print what a scene consists of."""
-    scene = open_scene(file, assignments, seed, time, include, max_memory, engine)
+    scene = open_scene(file, assignments, seed, time, include, max_memory, block_memory, engine)
     counts = scene.stats()
     # Python refuses to write integers of more than 4300 digits; order 8000 of a fractal has them.
     sys.set_int_max_str_digits(0)

@@ -262,6 +262,14 @@ class Hulls:
                 self._boxes[key] = known
         return join(floor, known) if floor else known
 
+    def loose_box(self, part: Part) -> Bounds:
+        """Return a box of a part that may be too large, at once."""
+        if part.outer_from_inner == IDENTITY:
+            return part.hull.box
+        m = part.outer_from_inner
+        sides = [_offset(m, d) + _bound(part.hull, _transpose(m, d))[0] for d in _DIRECTIONS]
+        return (-sides[0], -sides[1], -sides[2], sides[3], sides[4], sides[5])
+
     def _search_box(self, part: Part, floor: Bounds | None) -> Bounds:
         sides = []
         for i, d in enumerate(_DIRECTIONS):

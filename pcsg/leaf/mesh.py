@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
@@ -75,7 +76,7 @@ class MeshModel(Constant, Model):
         used = polygons.vertices[np.unique(self.triangles)]
         if not len(used):
             raise UsageError("all polygons of the mesh are degenerate")
-        self._points = np.ascontiguousarray(used.T)
+        self._cells = _Cells(used)
         self.bounds = Box(tuple(used.min(axis=0).tolist()), tuple(used.max(axis=0).tolist()))
 
     @property
@@ -86,7 +87,8 @@ class MeshModel(Constant, Model):
     def digest(self) -> str:
         hashed = hashlib.sha256()
         mesh = self.polygons
-        for array in (mesh.vertices, mesh.corners, mesh.offsets, mesh.corner_uv):
+        said = (mesh.corner_uv, mesh.corner_normals, mesh.corner_colors)
+        for array in (mesh.vertices, mesh.corners, mesh.offsets, *said):
             hashed.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
         return hashed.hexdigest()
 
@@ -95,7 +97,7 @@ class MeshModel(Constant, Model):
         return None if self.name is None else f'"{self.name}"'
 
     def support(self, direction: Vec3) -> float:
-        return float((np.array(direction) @ self._points).max())
+        return self._cells.support(np.array(direction))
 
     @cached_property
     def data(self) -> Data:
@@ -120,15 +122,50 @@ class MeshModel(Constant, Model):
         volume = np.einsum("ij,ij->", points[:, 0], np.cross(points[:, 1], points[:, 2]))
         head[ORIENTATION] = -1 if self.closed and volume < 0.0 else 1
         head[HAS_UV], head[HAS_NORMALS] = uv is not None, normals is not None
-        head[HAS_COLORS] = 0
+        colors = _of_corners(mesh.corner_colors, corners, np.full((1, 3, 3), -1.0))
+        head[HAS_COLORS] = colors is not None
         head[REFS] = len(hierarchy.boxes)
         numbers = [
             np.array([reach, *self.bounds.lower, *self.bounds.upper]),
             hierarchy.boxes,
             points[order].ravel(),
         ]
-        numbers += [a.ravel() for a in (uv, normals) if a is not None]
+        numbers += [a.ravel() for a in (uv, normals, colors) if a is not None]
         return Data(np.concatenate(numbers), integers=np.concatenate([head, hierarchy.refs]))
+
+
+class _Cells:
+    """Points by the cells of a grid, so that the farthest one in a direction is found quickly.
+
+    Parameters
+    ----------
+    points : float64 (n, 3)
+    """
+
+    def __init__(self, points: Floats) -> None:
+        lower, upper = points.min(axis=0), points.max(axis=0)
+        size = np.where(upper > lower, upper - lower, 1.0)
+        # As many cells as would hold 64 points each, if these filled the box.
+        side = max(1, round((len(points) / 64.0) ** (1.0 / 3.0)))
+        cell = np.minimum((points - lower) / size * side, side - 1.0).astype(np.int64)
+        keys = (cell[:, 0] * side + cell[:, 1]) * side + cell[:, 2]
+        order = np.argsort(keys, kind="stable")
+        self.points = points[order]
+        begins = np.flatnonzero(np.diff(keys[order], prepend=-1))
+        self.begins = [*begins.tolist(), len(points)]
+        self.lower = np.minimum.reduceat(self.points, begins)
+        self.upper = np.maximum.reduceat(self.points, begins)
+
+    def support(self, direction: Floats) -> float:
+        """Return the largest ``p . direction``."""
+        most = np.where(direction > 0.0, self.upper, self.lower) @ direction
+        best = -math.inf
+        for k in np.argsort(-most, kind="stable"):
+            if most[k] <= best:
+                break
+            inside = self.points[self.begins[k] : self.begins[k + 1]]
+            best = max(best, float((inside @ direction).max()))
+        return best
 
 
 def _of_corners(values: Floats | None, corners: Integers, instead: ArrayLike) -> Floats | None:
@@ -194,6 +231,7 @@ class Mesh(Solid):
 
     Surface coordinates: those of the file, or else the barycentric ones of the second and the
     third corner of each triangle. Normals are those of the faces, or the file's, if it has any.
+    Colours of vertices, where the file has them, come before those that the grammar sets.
     """
 
     constants = (LeafConstant("file", "the name of a mesh file in quotes"),)
@@ -259,6 +297,17 @@ class Mesh(Solid):
             return place.b, place.c
         u = interpolate(pool[0], mesh.uvs, 2, 0, place)
         return u, interpolate(pool[0], mesh.uvs, 2, 1, place)
+
+    @staticmethod
+    def attributes(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float, float, float]:
+        mesh = find_mesh(args, at, pool)
+        if pool[2][mesh.head + HAS_COLORS] == 0:
+            return -1.0, -1.0, -1.0, -1.0
+        place = locate(pool, mesh, p)
+        red = interpolate(pool[0], mesh.colors, 3, 0, place)
+        green = interpolate(pool[0], mesh.colors, 3, 1, place)
+        blue = interpolate(pool[0], mesh.colors, 3, 2, place)
+        return red, green, blue, -1.0
 
 
 def _model(constants: Sequence[Constant]) -> MeshModel:

@@ -81,6 +81,8 @@ class Shear(NamedTuple):
     ----------
     x, y, z
         Axes: z is the one along which the ray runs fastest.
+    ox, oy, oz
+        The ray's origin along them.
     sx, sy, sz
         Shear along x and y, and scale along z.
     """
@@ -88,6 +90,9 @@ class Shear(NamedTuple):
     x: int
     y: int
     z: int
+    ox: float
+    oy: float
+    oz: float
     sx: float
     sy: float
     sz: float
@@ -103,7 +108,7 @@ def _make_shear(ray: Ray) -> Shear:
         z = 1
     x, y = (z + 1) % 3, (z + 2) % 3
     d = ray[3 + z]
-    return Shear(x, y, z, ray[3 + x] / d, ray[3 + y] / d, 1.0 / d)
+    return Shear(x, y, z, ray[x], ray[y], ray[z], ray[3 + x] / d, ray[3 + y] / d, 1.0 / d)
 
 
 @njit
@@ -139,10 +144,14 @@ def _edge(px: float, py: float, qx: float, qy: float) -> float:
     return _edge_exactly(px, py, qx, qy)
 
 
+@njit(inline=True)
+def _weight(edge: float) -> float:
+    """Return an edge function without the sign that stands for infinitely little."""
+    return edge if abs(edge) > 5e-324 else 0.0
+
+
 @njit
-def _cross_triangle(
-    numbers: NDArray[np.float64], at: int, ray: Ray, shear: Shear
-) -> tuple[float, float]:
+def _cross_triangle(numbers: NDArray[np.float64], at: int, shear: Shear) -> tuple[float, float]:
     """Return where a ray crosses a triangle, and 1 if inwards, -1 if outwards, 0 if it does not.
 
     Parameters
@@ -150,7 +159,7 @@ def _cross_triangle(
     numbers, at
         The corners begin at ``numbers[at]``.
     """
-    ox, oy, oz = ray[shear.x], ray[shear.y], ray[shear.z]
+    ox, oy, oz = shear.ox, shear.oy, shear.oz
     az, bz, cz = (
         numbers[at + shear.z] - oz,
         numbers[at + 3 + shear.z] - oz,
@@ -172,9 +181,10 @@ def _cross_triangle(
     w = _edge(cx, cy, ax, ay)
     if (u > 0.0) != (w > 0.0) or u == 0.0 or v == 0.0 or w == 0.0:
         return 0.0, 0.0
-    # Weights of a mean, so that t lies between those of the corners.
-    total = u + v + w
-    z = (u * cz + v * az + w * bz) / total if abs(total) > 1e-290 else az
+    # Weights of a mean, so that t lies between those of the corners. On an edge one is zero.
+    a, b, c = _weight(v), _weight(w), _weight(u)
+    total = a + b + c
+    z = (a * az + b * bz + c * cz) / total if total != 0.0 else az
     t = z * shear.sz
     return t, -math.copysign(1.0, u * shear.sz)
 
@@ -225,7 +235,7 @@ def cross_triangles(
         if ref < 0:
             run = -1 - ref
             for k in range(run >> 3, (run >> 3) + (run & 7)):
-                s, way = _cross_triangle(numbers, mesh.corners + 9 * k, ray, shear)
+                s, way = _cross_triangle(numbers, mesh.corners + 9 * k, shear)
                 if way == 0.0 or not low <= s <= far:
                     continue
                 winding += int(way)
@@ -408,10 +418,22 @@ def _closest(numbers: Array, at: int, p: Vec3) -> tuple[float, float, float, flo
 @njit
 def locate(pool: Pool, mesh: Mesh, p: Vec3) -> Place:
     """Return the place of a mesh that is nearest to a point."""
+    # Points of the surface are very near to it, which leaves few boxes to look into.
+    size = pool[0][mesh.numbers + REACH] + abs(p.x) + abs(p.y) + abs(p.z)
+    near = 1e-9 * size
+    found, there = _locate_within(pool, mesh, p, near * near)
+    if not there:
+        found, _ = _locate_within(pool, mesh, p, math.inf)
+    return found
+
+
+@njit
+def _locate_within(pool: Pool, mesh: Mesh, p: Vec3, best: float) -> tuple[Place, bool]:
+    """Return the nearest place of a squared distance below `best`, and whether there is one."""
     numbers, integers = pool[0], pool[2]
     waiting = local_integers()
     distance = local_doubles()
-    best = math.inf
+    there = False
     found = Place(0, 1.0, 0.0, 0.0)
     waiting[0] = 0
     distance[0] = 0.0
@@ -427,6 +449,7 @@ def locate(pool: Pool, mesh: Mesh, p: Vec3) -> Place:
                 a, b, c, d = _closest(numbers, mesh.corners + 9 * k, p)
                 if d < best:
                     best = d
+                    there = True
                     found = Place(k, a, b, c)
             continue
         begin = top
@@ -447,7 +470,7 @@ def locate(pool: Pool, mesh: Mesh, p: Vec3) -> Place:
             distance[place] = d
             waiting[place] = integers[mesh.refs + WIDTH * ref + k]
             top += 1
-    return found
+    return found, there
 
 
 @njit

@@ -61,6 +61,7 @@ class _Reader:
         self.triangles: list[Integers] = []
         self.uvs: list[Floats] = []
         self.normals: list[Floats] = []
+        self.colors: list[Floats] = []
         self.count = 0
 
     def fail(self, place: str | None, reason: str) -> NoReturn:
@@ -84,8 +85,10 @@ class _Reader:
         corners = np.concatenate(self.triangles)
         offsets = np.arange(0, len(corners) + 1, 3)
         points = np.concatenate(self.points)
-        uv, normals = np.concatenate(self.uvs)[corners], np.concatenate(self.normals)[corners]
-        return make_mesh(points, corners, offsets, uv, normals)
+        uv, normals, colors = (
+            np.concatenate(values)[corners] for values in (self.uvs, self.normals, self.colors)
+        )
+        return make_mesh(points, corners, offsets, uv, normals, colors)
 
     def _placed_meshes(self) -> Iterator[tuple[int, Floats]]:
         """Yield meshes with their matrices, in the order of the scene."""
@@ -136,6 +139,8 @@ class _Reader:
         # The matrix of cofactors maps normals also where the frame has no inverse.
         cofactors = np.stack([np.cross(linear[k - 2], linear[k - 1]) for k in range(3)])
         self.normals.append(normals @ cofactors.T * np.sign(np.linalg.det(linear) or 1.0))
+        colors = self._of_vertices(place, attributes.get("COLOR_0"), n, 3)
+        self.colors.append(np.clip(colors, 0.0, 1.0))
         self.count += n
 
     def _of_vertices(self, place: str, accessor: int | None, n: int, width: int) -> Floats:
@@ -151,7 +156,8 @@ class _Reader:
         accessor = self.document["accessors"][number]
         if "sparse" in accessor:
             self.fail(f"accessor {number}", "sparse accessors are not supported")
-        if _WIDTHS.get(accessor["type"]) != width:
+        present = _WIDTHS.get(accessor["type"], 0)
+        if present != width and (width, present) != (3, 4):  # colours may have an opacity
             self.fail(f"accessor {number}", f"{accessor['type']} does not fit here")
         kind = np.dtype(_COMPONENTS[accessor["componentType"]])
         count = accessor["count"]
@@ -162,7 +168,7 @@ class _Reader:
         if view["buffer"] != 0 or "uri" in buffer:
             self.fail(place, "its data lie in another file; pack everything into the GLB")
         begin = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-        size = kind.itemsize * width
+        size = kind.itemsize * present
         stride = view.get("byteStride") or size
         end = begin + (stride * (count - 1) + size if count else 0)
         if begin < 0 or count < 0 or stride < size or end > len(self.binary):

@@ -50,6 +50,8 @@ class Mesh:
         Texture coordinates of every corner; NaN where the file gives none.
     corner_normals : float64 (C, 3), or None
         Normals of every corner, of any length; NaN where the file gives none.
+    corner_colors : float64 (C, 3), or None
+        Colours of every corner, linear, 0 to 1; NaN where the file gives none.
     """
 
     vertices: Floats
@@ -57,6 +59,7 @@ class Mesh:
     offsets: Integers
     corner_uv: Floats | None = None
     corner_normals: Floats | None = None
+    corner_colors: Floats | None = None
 
     @cached_property
     def triangle_corners(self) -> Integers:
@@ -87,6 +90,7 @@ def make_mesh(
     offsets: Integers,
     corner_uv: Floats | None = None,
     corner_normals: Floats | None = None,
+    corner_colors: Floats | None = None,
 ) -> Mesh:
     """Return a mesh whose equal vertices are merged; the order of first appearance stays."""
     # Adding zero makes -0 and +0 the same bits.
@@ -102,11 +106,20 @@ def make_mesh(
         offsets,
         _if_any(corner_uv),
         _if_any(corner_normals),
+        _if_any(corner_colors),
     )
 
 
 def _if_any(values: Floats | None) -> Floats | None:
     return None if values is None or np.isnan(values).all() else values
+
+
+def linear_from_srgb(colors: Floats) -> Floats:
+    """Return linear colours for those that are written for a display (IEC 61966-2-1)."""
+    clipped = np.clip(colors, 0.0, 1.0)
+    curved = ((clipped + 0.055) / 1.055) ** 2.4
+    linear: Floats = np.where(clipped <= 0.04045, clipped / 12.92, curved)
+    return linear
 
 
 def offsets_of(counts: Sequence[int] | Integers) -> Integers:

@@ -12,7 +12,14 @@ from typing import NoReturn
 
 import numpy as np
 
-from pcsg.meshfile.mesh import Floats, Mesh, MeshFileError, make_mesh, offsets_of
+from pcsg.meshfile.mesh import (
+    Floats,
+    Mesh,
+    MeshFileError,
+    linear_from_srgb,
+    make_mesh,
+    offsets_of,
+)
 
 
 def read_obj(name: str, data: bytes) -> Mesh:
@@ -25,6 +32,8 @@ def read_obj(name: str, data: bytes) -> Mesh:
         keyword = words[0]
         if keyword == b"v":
             reader.points.append(reader.numbers(number, words, 3))
+            if len(words) >= 7:  # colours behind the coordinates, as many programs write them
+                reader.colors[len(reader.points) - 1] = reader.numbers(number, words[3:], 3)
         elif keyword == b"f":
             reader.add_face(number, words[1:])
         elif keyword == b"vt":
@@ -58,6 +67,7 @@ class _Reader:
         self.points: list[tuple[float, ...]] = []
         self.uvs: list[tuple[float, ...]] = []
         self.normals: list[tuple[float, ...]] = []
+        self.colors: dict[int, tuple[float, ...]] = {}
         self.counts: list[int] = []
         self.corners: list[int] = []
         self.corner_uvs: list[int] = []
@@ -68,7 +78,7 @@ class _Reader:
 
     def numbers(self, line: int, words: list[bytes], least: int) -> tuple[float, ...]:
         """Return up to three finite numbers after a keyword."""
-        keyword = words[0].decode()
+        keyword = words[0].decode("utf-8", "replace")
         if len(words) <= least:
             self.fail(line, f"`{keyword}` needs {least} number(s), not {len(words) - 1}")
         try:
@@ -109,12 +119,19 @@ class _Reader:
 
     def mesh(self) -> Mesh:
         """Return what was read."""
+        corners = np.array(self.corners, np.int64)
+        colors = None
+        if self.colors:
+            table = np.full((len(self.points), 3), math.nan)
+            table[list(self.colors)] = list(self.colors.values())
+            colors = linear_from_srgb(table)[corners]
         return make_mesh(
             np.array(self.points, np.float64).reshape(-1, 3),
-            np.array(self.corners, np.int64),
+            corners,
             offsets_of(self.counts),
             _gather(self.uvs, self.corner_uvs, 2),
             _gather(self.normals, self.corner_normals, 3),
+            colors,
         )
 
 

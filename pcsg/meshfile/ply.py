@@ -13,7 +13,15 @@ from typing import NoReturn
 
 import numpy as np
 
-from pcsg.meshfile.mesh import Floats, Integers, Mesh, MeshFileError, make_mesh, offsets_of
+from pcsg.meshfile.mesh import (
+    Floats,
+    Integers,
+    Mesh,
+    MeshFileError,
+    linear_from_srgb,
+    make_mesh,
+    offsets_of,
+)
 
 _TYPES = {
     "char": "i1",
@@ -274,8 +282,18 @@ def _build(name: str, vertex: Mapping[str, _Column], face: Mapping[str, _Column]
         if of_vertices is not None:
             uv = of_vertices[at]
             break
-    normals = numbers("nx", "ny", "nz")
-    return make_mesh(points, at, offsets, uv, None if normals is None else normals[at])
+    normals, colors = numbers("nx", "ny", "nz"), numbers("red", "green", "blue")
+    if colors is not None:
+        # Bytes, unless all are fractions.
+        colors = linear_from_srgb(colors / 255.0 if colors.max(initial=0.0) > 1.0 else colors)
+    return make_mesh(
+        points,
+        at,
+        offsets,
+        uv,
+        None if normals is None else normals[at],
+        None if colors is None else colors[at],
+    )
 
 
 def _face_uv(face: Mapping[str, _Column], counts: Integers) -> Floats | None:

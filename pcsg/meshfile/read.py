@@ -43,8 +43,9 @@ def read_mesh(path: str | Path) -> Mesh:
         raise MeshFileError(name, None, f"the name of a mesh file ends in one of {known}")
     try:
         data = path.read_bytes()
-    except OSError as error:
-        raise MeshFileError(name, None, error.strerror or str(error)) from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = getattr(error, "strerror", None) or str(error)
+        raise MeshFileError(name, None, reason) from None
     mesh = reader(name, data)
     if not mesh.polygon_count:
         raise MeshFileError(name, None, "no polygons")

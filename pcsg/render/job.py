@@ -156,7 +156,7 @@ class Job:
     ) -> None:
         options.validate()
         self.options = options
-        self.stage = build_stage(scene, options.size, options.overrides)
+        self.stage = build_stage(scene, options.size, options.overrides, options.detail)
         first, last = options.film_rows
         self.film = Film((options.size[0], last - first), self.stage.view)
         self.progress = Progress(passes=len(options.levels))
@@ -353,6 +353,7 @@ def render(
     *,
     threads: int | None = None,
     max_memory: int | None = None,
+    detail: float = 0.5,
     progress: Callable[[Progress], None] | None = None,
     **settings: Mapping[str, Any],
 ) -> Image:
@@ -372,6 +373,8 @@ def render(
         How many; None for one per processor. The picture does not depend on it.
     max_memory
         Bytes that the picture may take; None for half of the machine's.
+    detail
+        Pixels below which the scene is not looked into; 0 for all that there is.
     progress
         Called now and then with a `Progress`.
     **settings
@@ -390,6 +393,7 @@ def render(
     for kind in settings:
         if kind not in known:
             raise UsageError(f"render() has no argument `{kind}`; settings are {', '.join(known)}")
-    job = Job(scene, Options(size, samples, seed, threads, max_memory, settings))
+    options = Options(size, samples, seed, threads, max_memory, settings, detail=detail)
+    job = Job(scene, options)
     job.run(progress)
     return job.image()

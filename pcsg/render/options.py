@@ -31,6 +31,8 @@ class Options:
         Values in place of the grammar's settings, by kind and key.
     tile
         (i, n): only part i of n, counted from 1, of the picture's rows. None for all of it.
+    detail
+        Pixels below which the scene is not looked into; 0 for all that there is.
     """
 
     size: tuple[int, int] = (800, 600)
@@ -40,6 +42,7 @@ class Options:
     max_memory: int | None = None
     overrides: Overrides = field(default_factory=dict)
     tile: tuple[int, int] | None = None
+    detail: float = 0.5
 
     def validate(self) -> None:
         """Raise an error if no picture can be made of these options.
@@ -58,6 +61,8 @@ class Options:
             raise UsageError(f"samples must lie between 1 and {MAX_SAMPLES}, not {self.samples}")
         if self.threads is not None and self.threads < 1:
             raise UsageError(f"threads must be at least 1, not {self.threads}")
+        if not 0.0 <= self.detail <= 1000.0:
+            raise UsageError(f"detail must lie between 0 and 1000 pixels, not {self.detail:g}")
         if self.tile is not None:
             part, parts = self.tile
             if not 1 <= part <= parts <= height:

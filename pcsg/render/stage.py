@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +17,13 @@ from pcsg.render.lights import Light, make_balls, make_sun, sun_direction
 from pcsg.render.materials import Materials
 from pcsg.render.sky import DARK, Sky, make_sky
 from pcsg.render.textures import Textures
-from pcsg.render.tracer import GroundedTracer, RenderScene, Tracer
+from pcsg.render.tracer import (
+    DetailedTracer,
+    GroundedTracer,
+    RenderScene,
+    Tracer,
+    WideTracer,
+)
 from pcsg.render.view import View
 
 Overrides = Mapping[str, Mapping[str, Any]]
@@ -66,8 +73,15 @@ class Stage:
     view: View
 
 
-def build_stage(scene: RenderScene, size: tuple[int, int], overrides: Overrides) -> Stage:
+def build_stage(
+    scene: RenderScene, size: tuple[int, int], overrides: Overrides, detail: float = 0.0
+) -> Stage:
     """Return the stage of a scene for a picture of a size.
+
+    Parameters
+    ----------
+    detail
+        Pixels below which nothing is looked into; 0 for all that there is.
 
     Raises
     ------
@@ -91,7 +105,7 @@ def build_stage(scene: RenderScene, size: tuple[int, int], overrides: Overrides)
     sun = make_sun(sun_values, dimmed)
     balls = make_balls(scene.setting_values("light"))
     film = _values(scene, "film", overrides)
-    things = tracer = scene.tracer
+    things = tracer = _detailed(scene.tracer, camera, height, detail)
     grounded = bool(scene.setting_values("ground")) or "ground" in overrides
     extent = float((box[1] - box[0]).max())
     if grounded:
@@ -115,6 +129,14 @@ def build_stage(scene: RenderScene, size: tuple[int, int], overrides: Overrides)
         bounces=round(film["bounces"]),
         view=View(film["view"], float(film["exposure"])),
     )
+
+
+def _detailed(tracer: Tracer, camera: Camera, height: int, detail: float) -> Tracer:
+    """Return a tracer that does not look into what is smaller than some pixels."""
+    if detail == 0.0 or not isinstance(tracer, WideTracer):
+        return tracer
+    pixel = 2.0 * math.tan(math.radians(camera.fov) / 2.0) / height
+    return DetailedTracer(tracer, camera.eye, detail * pixel)
 
 
 def _values(scene: RenderScene, kind: str, overrides: Overrides) -> dict[str, Any]:

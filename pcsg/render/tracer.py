@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.trace.coverage import Footprint
 from pcsg.trace.hits import Hits
 
 Floats = NDArray[np.float64]
@@ -29,6 +30,35 @@ class Tracer(Protocol):
 
     def occluded(
         self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
+    ) -> Bools:
+        """Return whether anything lies in the closed ranges."""
+        ...
+
+
+@runtime_checkable
+class WideTracer(Protocol):
+    """A tracer that can end recursion below the footprints of its rays."""
+
+    takes_footprints: bool
+
+    def intersect(
+        self,
+        origins: Floats,
+        directions: Floats,
+        t_min: float | Floats,
+        t_max: float | Floats,
+        footprint: Footprint | None,
+    ) -> Hits:
+        """Return the first crossings in the closed ranges."""
+        ...
+
+    def occluded(
+        self,
+        origins: Floats,
+        directions: Floats,
+        t_min: float | Floats,
+        t_max: float | Floats,
+        footprint: Footprint | None,
     ) -> Bools:
         """Return whether anything lies in the closed ranges."""
         ...
@@ -69,6 +99,47 @@ class RenderScene(Protocol):
     def setting_numbers(self, kind: str) -> Mapping[str, int]:
         """Return the number of every named setting of a kind."""
         ...
+
+
+class DetailedTracer:
+    """A tracer whose rays are as wide as a pixel looks at the place where they begin.
+
+    What is smaller than that is not looked into. A ray of the camera has no width at the eye and a
+    pixel's width where it arrives; rays that go on from there, to a light or a mirror image, begin
+    with that width.
+
+    Parameters
+    ----------
+    inner
+        Takes footprints.
+    eye
+        Where the camera is.
+    spread
+        Width of a pixel per distance.
+    """
+
+    def __init__(self, inner: WideTracer, eye: tuple[float, float, float], spread: float) -> None:
+        self.inner = inner
+        self.eye = np.array(eye)
+        self.spread = spread
+
+    def _footprint(self, origins: Floats) -> Footprint:
+        width = self.spread * np.linalg.norm(origins - self.eye, axis=1)
+        return Footprint(width, np.full(len(origins), self.spread))
+
+    def intersect(
+        self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
+    ) -> Hits:
+        """Return the first crossings in the closed ranges."""
+        footprint = self._footprint(origins)
+        return self.inner.intersect(origins, directions, t_min, t_max, footprint)
+
+    def occluded(
+        self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
+    ) -> Bools:
+        """Return whether anything lies in the closed ranges."""
+        footprint = self._footprint(origins)
+        return self.inner.occluded(origins, directions, t_min, t_max, footprint)
 
 
 class GroundedTracer:

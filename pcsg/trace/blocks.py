@@ -1,7 +1,7 @@
 """Groups as small wide bounding volume hierarchies.
 
 Every group is opened: its largest instances are replaced by their references until there are
-about 64 (1,000 for the root), and a tree of blocks of eight boxes is built over those. Cyclic
+about 64 (1,000 for the root), and a tree of blocks of sixteen boxes is built over those. Cyclic
 interpretation, the graph of states and opened cuts are one design with one knob, and more than
 this no longer helps.
 """
@@ -43,6 +43,10 @@ from pcsg.vec import IDENTITY, Affine, Vec3
 OPEN_ROOT, OPEN_GROUP = 1_000, 64
 """References up to which the root and the other groups are opened."""
 
+OPEN_WHOLE = 5_000
+"""A root that has no more than this of leaves and operations is opened until no instance is left:
+rays then never change their frame."""
+
 OPEN_TOTAL = 20_000
 """References of all groups, about, so that many groups are opened less."""
 
@@ -79,6 +83,8 @@ class Blocks(NamedTuple):
         Records of small operations, see `small.HEADER`.
     tables : uint64
         Their truth tables.
+    ref_boxes : float32 (6 R,)
+        Boxes of references, in the frame of their group.
     root : int
         First block of the axiom.
     box : (2, 3) float64
@@ -96,6 +102,7 @@ class Blocks(NamedTuple):
     operations: NDArray[np.int32]
     smalls: NDArray[np.int32]
     tables: NDArray[np.uint64]
+    ref_boxes: NDArray[np.float32]
     root: int
     box: NDArray[np.float64]
 
@@ -121,7 +128,6 @@ class _Cut(NamedTuple):
 
     path: tuple[int, ...]
     reference: Reference
-    box: Bounds
 
 
 def build_blocks(graph: Graph, states: StateGraph, models: ModelPool | None = None) -> Blocks:
@@ -172,6 +178,7 @@ class _Builder:
         self.refs: list[list[int]] = []
         self.inverses: list[Affine] = []
         self.targets: list[int] = []
+        self.ref_boxes: dict[int, NDArray[np.float64]] = {}
         self.pending: list[tuple[int, int]] = []  # reference, group: its first block comes later
         self.of_operations: list[int] = []
         self.first_block: dict[int, int] = {}
@@ -198,8 +205,10 @@ class _Builder:
 
     def _build_group(self, g: int) -> int:
         cuts = self._open(g)
-        numbers = [self._emit_reference(cut.reference) for cut in cuts]
-        boxes = np.array([cut.box for cut in cuts])
+        boxes = np.array([self.hulls.box(cut.reference.hull) for cut in cuts])
+        numbers = [
+            self._emit_reference(cut.reference, box) for cut, box in zip(cuts, boxes, strict=True)
+        ]
         pad = 1e-9 * np.maximum(np.abs(np.where(np.isfinite(boxes), boxes, 0.0)).max(axis=1), 1e-3)
         boxes[:, :3] -= pad[:, None]
         boxes[:, 3:] += pad[:, None]
@@ -207,15 +216,19 @@ class _Builder:
 
     def _open(self, g: int) -> list[_Cut]:
         """Return the references of a group, its largest instances opened, in the text's order."""
-        limit = OPEN_ROOT if g == self.groups.root else self.limit
+        limit = self.limit
+        if g == self.groups.root:
+            whole = self._counts()[g]
+            limit = max(OPEN_ROOT, whole if whole <= OPEN_WHOLE else 0)
         cuts: dict[tuple[int, ...], _Cut] = {
-            (k,): _Cut((k,), r, self.hulls.box(r.hull)) for k, r in enumerate(self.groups.groups[g])
+            (k,): _Cut((k,), r) for k, r in enumerate(self.groups.groups[g])
         }
         heap: list[tuple[float, tuple[int, ...]]] = []
 
         def offer(cut: _Cut) -> None:
             if cut.reference.kind == INSTANCE:
-                heappush(heap, (-_area(cut.box), cut.path))
+                area = _area(self.hulls.loose_box(cut.reference.hull))
+                heappush(heap, (-area, cut.path))
 
         for cut in cuts.values():
             offer(cut)
@@ -234,14 +247,24 @@ class _Builder:
                     compose_affine(m, r.group_from_target),
                     Part(compose_affine(m, r.hull.outer_from_inner), r.hull.hull),
                 )
-                cut = _Cut((*path, k), moved, self.hulls.box(moved.hull))
+                cut = _Cut((*path, k), moved)
                 cuts[cut.path] = cut
                 offer(cut)
         return [cuts[path] for path in sorted(cuts)]
 
-    def _emit_reference(self, r: Reference) -> int:
+    def _counts(self) -> list[int]:
+        """Return how many references every group has, up to a bound, when no instance is left."""
+        counts: list[int] = []
+        # The references of a group were found before it.
+        for refs in self.groups.groups:
+            parts = (counts[r.target] if r.kind == INSTANCE else 1 for r in refs)
+            counts.append(min(sum(parts), OPEN_WHOLE + 1))
+        return counts
+
+    def _emit_reference(self, r: Reference, box: NDArray[np.float64]) -> int:
         """Append a reference and return its code."""
         n = len(self.targets)
+        self.ref_boxes[n] = box
         self.inverses.append(invert_affine(r.group_from_target)[0])
         self.targets.append(r.target)
         if r.kind == INSTANCE:
@@ -348,9 +371,16 @@ class _Builder:
             operations=np.array(operations or [0], np.int32),
             smalls=np.array(self.smalls or [0], np.int32),
             tables=np.array(self.tables or [0], np.uint64),
+            ref_boxes=self._ref_boxes(),
             root=self.first_block.get(self.groups.root, 0),
             box=self._box(),
         )
+
+    def _ref_boxes(self) -> NDArray[np.float32]:
+        boxes = np.zeros((max(1, len(self.targets)), 6), np.float32)
+        for n, box in self.ref_boxes.items():
+            boxes[n] = box
+        return boxes.ravel()
 
     def _box(self) -> NDArray[np.float64]:
         root = self.groups.root

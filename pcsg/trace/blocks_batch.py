@@ -11,10 +11,13 @@ from pcsg.graph.operators import DIFFERENCE
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_normal
 from pcsg.leaf.registry import Pool
+from pcsg.trace.coverage import Footprint, stored_normal
+from pcsg.trace.ends import CUT
 from pcsg.trace.found import Found
-from pcsg.trace.kernel import Extent, find_exit, find_first
+from pcsg.trace.indices import wide
+from pcsg.trace.kernel import Cut, Extent, find_exit, find_first
 from pcsg.trace.small import ENTRY, HEADER
-from pcsg.trace.traversal import HIT, HIT_PATH, INSIDE, SLOT, Scratch, T, Trees, wide
+from pcsg.trace.traversal import HIT, HIT_PATH, INSIDE, SLOT, Scratch, T, Trees
 from pcsg.vec import Ray, Vec3, load_affine, normalize, transform_normal, transform_ray
 
 OK, BAD_RAY = 0, 1
@@ -42,16 +45,27 @@ def _miss(out: Found, i: int) -> None:
 
 
 @njit(inline=True)
-def _describe(trees: Trees, pool: Pool, scratch: Scratch, world: Ray, i: int, out: Found) -> None:
+def _describe(
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    world: Ray,
+    i: int,
+    cut: Cut | None,
+    out: Found,
+) -> None:
     """Follow the path to the first hit, work out the normal there, and take it back."""
     paths = scratch.paths
     ray = world
     flip = False
     before = 0
     steps = wide(paths[HIT_PATH])
+    drawn = -1
     for k in range(steps):
         step = wide(paths[HIT_PATH + 1 + k])
-        if step <= SLOT:
+        if step <= CUT:
+            drawn = CUT - step
+        elif step <= SLOT:
             entry = wide(trees.targets[before]) + HEADER + ENTRY * (SLOT - step)
             flip = flip != (trees.smalls[entry + 2] == 1)
         elif step < 0:
@@ -60,10 +74,15 @@ def _describe(trees: Trees, pool: Pool, scratch: Scratch, world: Ray, i: int, ou
         else:
             ray = transform_ray(load_affine(trees.inverses, 12 * step), ray)
             before = step
-    leaf = wide(trees.targets[before])
+    leaf = 0 if drawn >= 0 else wide(trees.targets[before])
     t = scratch.small[T]
     p = Vec3(ray.ox + t * ray.dx, ray.oy + t * ray.dy, ray.oz + t * ray.dz)
     n = leaf_normal(trees.leaves[4 * leaf], p, trees.args, trees.leaves[4 * leaf + 1], pool)
+    if cut is not None and drawn >= 0:
+        n = stored_normal(cut.cover, drawn)
+        # Of two sides a ray sees the one that it comes from.
+        flip = n.x * ray.dx + n.y * ray.dy + n.z * ray.dz > 0.0
+        leaf = wide(cut.cover.leaves[drawn])
     if flip:
         n = Vec3(-n.x, -n.y, -n.z)
     for k in range(steps):
@@ -89,6 +108,8 @@ def find_batch(
     root: int,
     extent: Extent,
     want: int,
+    cut: Cut | None,
+    footprint: Footprint,
     origins: NDArray[np.float64],
     directions: NDArray[np.float64],
     t_min: NDArray[np.float64],
@@ -102,8 +123,10 @@ def find_batch(
 
     Parameters
     ----------
-    root, extent, want
+    root, extent, want, cut
         As in `find_first`.
+    footprint
+        Of the rays; empty without a cut.
     t_min, t_max
         As in `Rays`.
     found
@@ -131,13 +154,16 @@ def find_batch(
         )
         if not _is_sound(ray):
             return BAD_RAY
-        result = find_first(trees, pool, scratch, root, extent, want, ray)
+        width = spread = 0.0
+        if cut is not None:
+            width, spread = footprint.width[i], footprint.spread[i]
+        result = find_first(trees, pool, scratch, root, extent, want, ray, cut, width, spread)
         if result == INSIDE:
             result = find_exit(trees, pool, scratch, root, want, ray)
         answers[i] = result
         if describe:
             if result == HIT:
-                _describe(trees, pool, scratch, ray, i, found)
+                _describe(trees, pool, scratch, ray, i, cut, found)
             else:
                 _miss(found, i)
     return OK

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,14 @@ class Hits:
     def mask(self) -> NDArray[np.bool_]:
         """Which rays hit, bool (N,)."""
         return self.leaf >= 0
+
+    def columns(self) -> dict[str, Any]:
+        """Return all fields by their names."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def replaced(self, **values: Any) -> Hits:
+        """Return the same hits with other values of some fields."""
+        return Hits(**(self.columns() | values))
 
     def __len__(self) -> int:
         return len(self.t)

@@ -5,7 +5,7 @@ at its first block. Below unions only, t shrinks to the first crossing; an opera
 through by questions (`question`).
 
 What needs whole lists (rays that start on a surface, sheets under an operation) is left to the
-walker: `UNDECIDED`.
+walker: `UNDECIDED`. Rays that start in a solid are stepped out of it by questions.
 """
 
 from __future__ import annotations
@@ -13,9 +13,24 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pcsg.jit import njit
 from pcsg.leaf.registry import ANY, OVERFLOW, Pool
+from pcsg.trace.coverage import Coverage, draw_hit
+from pcsg.trace.ends import (
+    CUT,
+    MAX_DEPTH,
+    NEVER,
+    area_of,
+    begin_levels,
+    go_down,
+    middle_of,
+    world_size,
+)
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
+from pcsg.trace.indices import place, wide
 from pcsg.trace.merge import tolerance
 from pcsg.trace.question import ask, is_subtracted, settle_exit
 from pcsg.trace.simd import WIDTH, stay_apart
@@ -24,7 +39,6 @@ from pcsg.trace.traversal import (
     HIT,
     HIT_PATH,
     INSIDE,
-    MAX_DEPTH,
     MISS,
     NONE,
     PATH,
@@ -37,18 +51,17 @@ from pcsg.trace.traversal import (
     comes_first,
     copy_path,
     cross_reference,
+    keep_path,
     keep_surface,
     load_beginning,
     load_ray,
     make_slabs,
     meet_block,
-    place,
     precedes,
     push_references,
     store_ray,
-    wide,
 )
-from pcsg.vec import Ray, Vec3, load_affine, transform_ray
+from pcsg.vec import Ray, Vec3, determinant, load_affine, transform_ray
 
 
 class Extent(NamedTuple):
@@ -66,9 +79,66 @@ class Extent(NamedTuple):
     reach: float
 
 
+class Cut(NamedTuple):
+    """Where rays end that see a state smaller than their footprint.
+
+    Attributes
+    ----------
+    cover
+        Areas of states; `Coverage.leaves` are leaf records.
+    of_reference : int32 (R,)
+        Number in `cover` of what an instance leads to, or NEVER.
+    boxes : float32 (6 R,)
+        Boxes of references, in the frame of their group.
+    linear : float64 (LEVEL MAX_DEPTH,)
+        Working space of one thread, see `ends`.
+    numbers, box : float64 (8,), (6,)
+        Working space.
+    """
+
+    cover: Coverage
+    of_reference: NDArray[np.int32]
+    boxes: NDArray[np.float32]
+    linear: NDArray[np.float64]
+    numbers: NDArray[np.float64]
+    box: NDArray[np.float64]
+
+
+@njit
+def _meet_end(
+    trees: Trees, cut: Cut, index: int, ray: Ray, level: int, low: float, far: float
+) -> tuple[float, int]:
+    """Draw whether a state that is too small stops a ray that meets its box.
+
+    Returns
+    -------
+    t, hit
+        Where, and the hit that stands for it, -1 for none.
+    """
+    middle = middle_of(cut.box, ray)
+    if not low <= middle <= far:
+        return middle, -1
+    inverse = load_affine(trees.inverses, 12 * index)
+    # Volumes, and lengths along the ray, tell how areas across it change with the frame.
+    area = abs(determinant(inverse)) * area_of(cut.box, ray)
+    inner = transform_ray(inverse, ray)
+    state = cut.of_reference[index]
+    hit = draw_hit(cut.cover, state, inner, area, ray, cut.linear, level, cut.numbers)
+    return middle, hit
+
+
 @njit(contract=True, inline=True)
 def find_first(
-    trees: Trees, pool: Pool, scratch: Scratch, root: int, extent: Extent, want: int, world: Ray
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    root: int,
+    extent: Extent,
+    want: int,
+    world: Ray,
+    cut: Cut | None,
+    width: float,
+    spread: float,
 ) -> int:
     """Find the first crossing of a ray in [tmin, tmax].
 
@@ -78,6 +148,8 @@ def find_first(
         First block of the axiom's group, and where its boxes are.
     want
         FIRST, or ANY for any crossing.
+    cut, width, spread
+        Where recursion ends below the ray's footprint ``width + spread t``; None for nowhere.
 
     Returns
     -------
@@ -105,11 +177,32 @@ def find_first(
         about = choose_beginning(approach(ray, extent.middle), near)
     store_ray(rays, 0, ray, about)
     slabs = make_slabs(ray, about, scratch.slabs)
+    if cut is not None:
+        begin_levels(cut.linear)
     while True:
         kind = code & 7
         index = code >> 3
         found = False
-        if kind <= INSTANCE:
+        ends = False
+        if cut is not None and kind == INSTANCE and cut.of_reference[place(index)] != NEVER:
+            for k in range(6):
+                cut.box[k] = cut.boxes[6 * index + k]
+            ray = load_ray(rays, at_level)
+            present = -1
+            size = world_size(cut.linear, at_level, cut.box)
+            ends = size < width + spread * max(middle_of(cut.box, ray), 0.0)
+            if ends:
+                paths[place(at_level)] = index
+                t, drawn = _meet_end(trees, cut, index, ray, at_level, world.tmin, far)
+                e = tolerance(t)
+                if drawn >= 0 and (hit == MISS or t < best - e):
+                    hit = HIT
+                    best = t
+                    far = min(world.tmax, best + e)
+                    keep_path(paths, at_level + 1, CUT - drawn, HIT_PATH)
+        if ends:
+            pass
+        elif kind <= INSTANCE:
             block = index
             if kind == INSTANCE or at_level != present:
                 ray = load_ray(rays, at_level)
@@ -119,7 +212,10 @@ def find_first(
                     if at_level + 4 >= MAX_DEPTH:
                         return UNDECIDED
                     paths[place(at_level)] = index
-                    ray = transform_ray(load_affine(trees.inverses, 12 * index), ray)
+                    inverse = load_affine(trees.inverses, 12 * index)
+                    if cut is not None:
+                        go_down(cut.linear, at_level, inverse)
+                    ray = transform_ray(inverse, ray)
                     present = at_level + 1
                     about = choose_beginning(entry, near)
                     store_ray(rays, present, ray, about)
@@ -147,12 +243,14 @@ def find_first(
                 at_level = present
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
-            n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level))
+            sheet = kind == LEAF and is_sheet(trees, index)
+            inner = load_ray(rays, at_level, world.tmin if sheet else near, far)
+            n = cross_reference(trees, pool, scratch, kind, index, inner, near, far, want)
             if n == OVERFLOW:
                 return UNDECIDED
             for k in range(ENDS, n, 2):
                 lo, hi = small[place(k)], small[place(k + 1)]
-                if kind == LEAF and is_sheet(trees, index):
+                if sheet:
                     if lo < world.tmin:
                         continue
                 elif hi < near or hi <= lo:
@@ -162,7 +260,9 @@ def find_first(
                 if lo > world.tmax:
                     break
                 e = tolerance(lo)
-                if (
+                if want == ANY:
+                    hit = HIT
+                elif (
                     hit == MISS
                     or lo < best - e
                     or (lo <= best + e and comes_first(paths, at_level, index, HIT_PATH))

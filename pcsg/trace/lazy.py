@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pcsg.graph.code import invert_affine
 from pcsg.graph.graph import GLOBALS
@@ -17,28 +16,32 @@ from pcsg.graph.liveness import successors_first
 from pcsg.graph.recipes import Recipes
 from pcsg.graph.states import enumerate_states
 from pcsg.jit import plain
-from pcsg.leaf.registry import ANY, FIRST, Pool
+from pcsg.leaf.registry import FIRST
 from pcsg.simd import WIDTH
-from pcsg.trace.blocks import Blocks, build_fixtures
+from pcsg.trace.blocks import build_fixtures
 from pcsg.trace.bounding import evaluate_sides
 from pcsg.trace.coverage import (
     EXAMPLES,
     FINENESS,
+    NO_FOOTPRINT,
     RAYS_PER_BIN,
     Collected,
-    Coverage,
+    Ends,
     Footprint,
     Sampled,
+    Space,
     average,
     gather_coverage,
+    make_space,
     measure,
 )
+from pcsg.trace.ends import NEVER
 from pcsg.trace.groups import SUSPENDED
-from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.hits import Hits
 from pcsg.trace.lazy_batch import find_batch_lazy
-from pcsg.trace.lazy_kernel import NEVER, STAND_IN, LazyCut, LazyScratch, make_lazy_scratch
+from pcsg.trace.lazy_kernel import STAND_IN, LazyCut, LazyScratch, make_lazy_scratch
 from pcsg.trace.pool import pool_of
-from pcsg.trace.rays import Rays, check_rays, count_processors, run_chunks
+from pcsg.trace.rays import Rays, check_rays, check_values, run_chunks
 from pcsg.trace.rulebook import (
     E_SIDES,
     E_STAND_IN,
@@ -50,16 +53,17 @@ from pcsg.trace.rulebook import (
     write_rulebook,
 )
 from pcsg.trace.slots import HEAD, Lazy
+from pcsg.trace.states_engine import StatesEngine
 from pcsg.trace.store import BLOCK_MEMORY, build_store
 from pcsg.trace.surface import Surface, make_surface
-from pcsg.trace.traversal import HIT, MAX_DEPTH, UNDECIDED, Trees
+from pcsg.trace.traversal import HIT, UNDECIDED
 from pcsg.trace.walker import Walker
 from pcsg.vec import Affine
 
 Floats = NDArray[np.float64]
 
 
-class LazyTracer:
+class LazyTracer(StatesEngine):
     """Rays through the states of a graph that has too many of them.
 
     Parameters
@@ -76,6 +80,8 @@ class LazyTracer:
         Bytes of the states that are made beforehand; results do not depend on it.
     """
 
+    kernel: Any = find_batch_lazy
+
     def __init__(
         self,
         recipes: Recipes,
@@ -85,110 +91,61 @@ class LazyTracer:
         threads: int | None = None,
         block_memory: int = BLOCK_MEMORY,
     ) -> None:
-        self.recipes = recipes
+        models = pool_of(recipes.graph)
         states = enumerate_states(recipes.graph, values, starts=recipes.fixtures)
-        self.blocks: Blocks
-        self._models = pool_of(recipes.graph)
-        self.blocks, fixtures = build_fixtures(recipes.graph, states, self._models)
+        blocks, fixtures = build_fixtures(recipes.graph, states, models)
+        super().__init__(blocks, models, walker, threads)
+        self.recipes = recipes
         self.store = build_store(write_rulebook(recipes, fixtures), block_memory)
-        self.threads = threads or count_processors()
-        self._make_walker = walker
-        self._lock = threading.Lock()
-        self._trees = Trees(*(getattr(self.blocks, name) for name in Trees._fields))
-        self._pool: Pool = self._models.pool
-        self._local = threading.local()
-        self._lock_of_ends = threading.Lock()
         self._made: list[Lazy] = []
 
     @property
     def nbytes(self) -> dict[str, int]:
         """Bytes of what rays read."""
-        return {"blocks": self.blocks.nbytes, "store": self.store.nbytes, **self._models.nbytes}
+        return {**super().nbytes, "store": self.store.nbytes}
 
     @property
     def counts(self) -> dict[str, int]:
         """Number of blocks, of states in the store, and of those that were made on demand."""
-        with self._lock:
-            made = sum(int(lazy.counts[1]) for lazy in self._made)
         slots = self.store.slots
         return {
             "blocks": self.blocks.n_blocks + len(slots.refs) // WIDTH,
             "stored_states": len(slots.heads) // HEAD - 1,
-            "expansions": made,
+            "expansions": self._expansions,
         }
 
-    @cached_property
-    def _lists(self) -> Walker:
-        return self._make_walker()
+    @property
+    def _expansions(self) -> int:
+        with self._lock:
+            return sum(int(lazy.counts[1]) for lazy in self._made)
 
     @property
-    def walker(self) -> Walker:
-        """The walker, made when it is first needed."""
-        with self._lock:
-            return self._lists
+    def profile(self) -> dict[str, float]:
+        """As for `StatesEngine`, and how many states a ray has made on demand."""
+        return {**super().profile, "expansions": self._expansions / max(1, self._rays)}
 
-    def intersect(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = math.inf,
-        footprint: Footprint | None = None,
-    ) -> Hits:
-        """Find the first crossing of every ray, as `Walker.intersect`.
-
-        Parameters
-        ----------
-        footprint
-            How wide the rays are: what is smaller only stops its share of them. Directions must
-            be unit then.
-        """
-        rays = check_rays(origins, directions, t_min, t_max)
+    def _find_hits(self, rays: Rays, footprint: Footprint | None) -> Hits:
         surface = make_surface(len(rays.origins))
-        found = self._find(rays, FIRST, surface, footprint)
-        walked = np.flatnonzero(found == UNDECIDED)
+        answers = self._find(rays, FIRST, surface, footprint)
+        walked = np.flatnonzero(answers == UNDECIDED)
         if len(walked):
             surface.put(walked, self.walker.find_surfaces(rays.take(walked)))
         return surface.hits()
 
-    def occluded(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = math.inf,
-        footprint: Footprint | None = None,
-    ) -> NDArray[np.bool_]:
-        """Find whether every ray crosses anything; arguments as for `intersect`."""
-        rays = check_rays(origins, directions, t_min, t_max)
-        found = self._find(rays, ANY, _NO_SURFACE, footprint)
-        out: NDArray[np.bool_] = found == HIT
-        walked = np.flatnonzero(found == UNDECIDED)
-        if len(walked):
-            out[walked] = self.walker.find_occlusion(rays.take(walked))
-        return out
-
-    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Find whether the solid contains points (N, 3)."""
-        return self.walker.contains(points)
-
-    def spans(self, origins: ArrayLike, directions: ArrayLike) -> Spans:
-        """Find all inside intervals of every ray, on the whole line."""
-        return self.walker.spans(origins, directions)
-
     def _find(
-        self, rays: Rays, want: int, surface: Surface, footprint: Footprint | None
+        self, rays: Rays, want: int, out: Any, footprint: Footprint | None
     ) -> NDArray[np.int8]:
+        check_values(rays)
         ends = self._ends if footprint is not None else None
-        return self._cast(rays, want, surface, footprint, ends, 0)
+        return self._cast(rays, want, out, footprint, ends, 0)
 
     def _cast(
         self,
         rays: Rays,
         want: int,
-        surface: Surface,
+        surface: Surface | None,
         footprint: Footprint | None,
-        ends: _Ends | None,
+        ends: Ends | None,
         start: int,
     ) -> NDArray[np.int8]:
         """Cast rays from an item on, in the frame of its slot."""
@@ -205,30 +162,31 @@ class LazyTracer:
                 self.blocks.attributes,
                 start,
                 want,
-                None if ends is None else LazyCut(ends.cover, ends.of_entry, *space),
-                _NO_FOOTPRINT if footprint is None else footprint,
+                None if ends is None else LazyCut(ends.cover, ends.of_place, *space),
+                NO_FOOTPRINT if footprint is None else footprint,
                 *rays,
                 begin,
                 end,
-                surface,
+                _NO_SURFACE if surface is None else surface,
                 found,
             )
 
         run_chunks(n, self.threads, work)
         return found
 
-    def _own(self) -> tuple[Lazy, LazyScratch, tuple[Floats, Floats, Floats]]:
+    def _own(self) -> tuple[Lazy, LazyScratch, Space]:
         if not hasattr(self._local, "own"):
             lazy = self.store.make_lazy()
-            space = np.zeros(12 * MAX_DEPTH + 12), np.zeros(8), np.zeros(6)
-            self._local.own = lazy, make_lazy_scratch(), space
+            scratch = make_lazy_scratch()
+            self._local.own = lazy, scratch, make_space()
+            self._remember(scratch.outer, scratch.inner)
             with self._lock:
                 self._made.append(lazy)
-        own: tuple[Lazy, LazyScratch, tuple[Floats, Floats, Floats]] = self._local.own
+        own: tuple[Lazy, LazyScratch, Space] = self._local.own
         return own
 
     @cached_property
-    def _measured(self) -> _Ends:
+    def _measured(self) -> Ends:
         """Measure the entries, each after those that it leads to."""
         book, slots = self.store.book, self.store.slots
         entries = book.entries.reshape(-1, ENTRY_FIELDS)
@@ -241,20 +199,20 @@ class LazyTracer:
             if of_entry[entry] == STAND_IN or len(items) == 0:
                 continue
             chosen = items[np.linspace(0, len(items) - 1, min(len(items), EXAMPLES)).astype(int)]
-            ends = _Ends(gather_coverage(collected), of_entry)
+            ends = Ends(gather_coverage(collected), of_entry)
             found = [self._measure(int(item), entry, ends) for item in chosen]
             if any(c is None for c in found):
                 continue
             of_entry[entry] = len(collected)
             collected.append(average([c for c in found if c is not None]))
-        return _Ends(gather_coverage(collected), of_entry)
+        return Ends(gather_coverage(collected), of_entry)
 
     @property
-    def _ends(self) -> _Ends:
+    def _ends(self) -> Ends:
         with self._lock_of_ends:
             return self._measured
 
-    def _measure(self, item: int, entry: int, ends: _Ends) -> Collected | None:
+    def _measure(self, item: int, entry: int, ends: Ends) -> Collected | None:
         """Measure the state of an item; None where it has no bounds."""
         book, slots = self.store.book, self.store.slots
         box = np.zeros(6)
@@ -282,12 +240,4 @@ class LazyTracer:
         return measure(box, cast, item, RAYS_PER_BIN // EXAMPLES)
 
 
-class _Ends(NamedTuple):
-    """Where recursion ends: what entries look like from afar, and which of it an entry has."""
-
-    cover: Coverage
-    of_entry: NDArray[np.int32]
-
-
-_NO_FOOTPRINT = Footprint(np.zeros(0), np.zeros(0))
 _NO_SURFACE = make_surface(0)

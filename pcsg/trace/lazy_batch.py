@@ -12,7 +12,8 @@ from pcsg.jit import njit
 from pcsg.leaf.registry import Pool
 from pcsg.slabs import wide
 from pcsg.trace.coverage import Coverage, Footprint, stored_normal
-from pcsg.trace.lazy_kernel import CUT, LazyCut, LazyScratch, find_first_lazy
+from pcsg.trace.ends import CUT
+from pcsg.trace.lazy_kernel import LazyCut, LazyScratch, find_first_lazy
 from pcsg.trace.rulebook import (
     E_STAND_IN,
     ENTRY_FIELDS,
@@ -213,12 +214,15 @@ def find_batch_lazy(
         As in `find_first_lazy`.
     footprint
         Of the rays; empty without a cut.
+    t_min, t_max
+        As in `Rays`.
     surface
         Receives the surfaces; empty where nobody asks for them.
     found
         Receives HIT, MISS or UNDECIDED for every ray.
     """
     describe = len(surface.t) > 0
+    own_min, own_max = len(t_min) > 1, len(t_max) > 1
     for i in range(begin, end):
         ray = Ray(
             origins[i, 0],
@@ -227,8 +231,8 @@ def find_batch_lazy(
             directions[i, 0],
             directions[i, 1],
             directions[i, 2],
-            t_min[i],
-            t_max[i],
+            t_min[i if own_min else 0],
+            t_max[i if own_max else 0],
         )
         width = spread = 0.0
         if cut is not None:

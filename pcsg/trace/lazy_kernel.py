@@ -22,6 +22,16 @@ from pcsg.leaf.registry import ALL, ANY, Pool
 from pcsg.simd import WIDTH, count_trailing_zeros
 from pcsg.slabs import Slabs, make_slabs, meet_block, wide
 from pcsg.trace.coverage import Coverage, draw_hit
+from pcsg.trace.ends import (
+    CUT,
+    MAX_DEPTH,
+    NEVER,
+    area_of,
+    begin_levels,
+    go_down,
+    middle_of,
+    world_size,
+)
 from pcsg.trace.groups import SUSPENDED
 from pcsg.trace.kernel import Extent, find_first
 from pcsg.trace.merge import tolerance
@@ -39,7 +49,6 @@ from pcsg.trace.traversal import (
     ENDS,
     HIT,
     HIT_PATH,
-    MAX_DEPTH,
     MISS,
     NONE,
     PATH,
@@ -49,6 +58,7 @@ from pcsg.trace.traversal import (
     T,
     Trees,
     comes_first,
+    keep_path,
     load_ray,
     make_scratch,
     store_ray,
@@ -87,15 +97,6 @@ def make_lazy_scratch() -> LazyScratch:
     return LazyScratch(
         make_scratch(), make_scratch(), np.zeros(WIDTH), np.zeros(PATH + 2, np.int32)
     )
-
-
-@njit
-def _keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None:
-    """Copy the present path down to a level, and its last part."""
-    paths[at] = level + 1
-    for k in range(level):
-        paths[at + 1 + k] = paths[k]
-    paths[at + 1 + level] = last
 
 
 @njit(inline=True)
@@ -155,40 +156,8 @@ class LazyCut(NamedTuple):
     box: NDArray[np.float64]
 
 
-STAND_IN, NEVER = -1, -2
-_LEVEL = 12
-
-CUT = -2_000_000
-"""In a path, ``CUT - k`` stands for hit k of the coverage; ``-1 - k`` for part k of a stand-in."""
-
-
-@njit
-def _go_down(linear: NDArray[np.float64], level: int, m: Affine) -> None:
-    """Write what a level knows of the world, below a matrix from the level above."""
-    above, at = _LEVEL * level, _LEVEL * level + _LEVEL
-    for i in range(3):
-        square = 0.0
-        for j in range(3):
-            x = (
-                m[4 * i] * linear[above + j]
-                + m[4 * i + 1] * linear[above + 3 + j]
-                + m[4 * i + 2] * linear[above + 6 + j]
-            )
-            linear[at + 3 * i + j] = x
-            square += x * x
-        linear[at + 9 + i] = 1.0 / square
-
-
-@njit(inline=True)
-def _world_size(linear: NDArray[np.float64], level: int, box: NDArray[np.float64]) -> float:
-    """Return the diameter in the world of a box at a level, about.
-
-    The slab of an axis is as thick as its local thickness over the length of the axis' row,
-    whatever the matrix; together they give the diagonal where the rows are at right angles.
-    """
-    at = _LEVEL * level + 9
-    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
-    return math.sqrt(x * x * linear[at] + y * y * linear[at + 1] + z * z * linear[at + 2])
+STAND_IN = -2
+"""In `LazyCut.of_entry`: what the terminating rule shows. In a path, ``-1 - k`` is its part k."""
 
 
 @njit(inline=True)
@@ -197,23 +166,6 @@ def _load_box(slots: Slots, own: int, box: NDArray[np.float64]) -> None:
     at = 6 * (own // WIDTH * WIDTH) + own % WIDTH
     for i in range(6):
         box[i] = slots.boxes[at + WIDTH * i]
-
-
-@njit(inline=True)
-def _middle_of(box: NDArray[np.float64], ray: Ray) -> float:
-    """Return where a ray passes nearest to the middle of a box."""
-    x, y, z = 0.5 * (box[0] + box[3]), 0.5 * (box[1] + box[4]), 0.5 * (box[2] + box[5])
-    along = (x - ray.ox) * ray.dx + (y - ray.oy) * ray.dy + (z - ray.oz) * ray.dz
-    nearest: float = along / (ray.dx**2 + ray.dy**2 + ray.dz**2)
-    return nearest
-
-
-@njit
-def _area_of(box: NDArray[np.float64], ray: Ray) -> float:
-    """Return how large a box looks along a ray, times the length of the ray's direction."""
-    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
-    area: float = abs(ray.dx) * y * z + abs(ray.dy) * z * x + abs(ray.dz) * x * y
-    return area
 
 
 @njit
@@ -226,6 +178,7 @@ def _meet_end(
     outer: Ray,
     inverse: Affine,
     ray: Ray,
+    level: int,
     middle: float,
     low: float,
     far: float,
@@ -234,8 +187,8 @@ def _meet_end(
 
     Parameters
     ----------
-    outer, ray
-        In the frame of the item's slot, and in the state's.
+    outer, ray, level
+        In the frame of the item's slot, and in the state's; the level of the former.
     middle
         Where the ray passes nearest to the middle of the box.
 
@@ -253,8 +206,8 @@ def _meet_end(
         if not (low <= middle <= far):
             return MISS, 0.0, 0
         # Volumes, and lengths along the ray, tell how areas across it change with the frame.
-        scale = abs(determinant(inverse)) * _area_of(cut.box, outer)
-        hit = draw_hit(cut.cover, state, ray, scale, middle, cut.numbers)
+        area = abs(determinant(inverse)) * area_of(cut.box, outer)
+        hit = draw_hit(cut.cover, state, ray, area, outer, cut.linear, level, cut.numbers)
         return (HIT, middle, CUT - hit) if hit >= 0 else (MISS, 0.0, 0)
     first = make_stand_in(lazy, item, book.entries[ENTRY_FIELDS * entry + E_STAND_IN])
     if first == FAULT:
@@ -318,8 +271,7 @@ def find_first_lazy(
     paths[HIT_PATH] = 0
     store_ray(rays, 0, world, 0.0)
     if cut is not None:
-        for k in range(12):
-            cut.linear[k] = 1.0 if k % 4 == 0 or k > 8 else 0.0
+        begin_levels(cut.linear)
     while True:
         item = code >> 3
         slots = lazy.store if item < shared else lazy.cache
@@ -351,13 +303,13 @@ def find_first_lazy(
                     hit = HIT
                     best = lo
                     far = min(world.tmax, best + e)
-                    _keep_path(paths, at_level, step, HIT_PATH)
+                    keep_path(paths, at_level, step, HIT_PATH)
                 break
         elif book.parts[part + P_KIND] == FIXTURE:
             block = wide(book.parts[part + P_TARGET])
             limited = Ray(ray.ox, ray.oy, ray.oz, ray.dx, ray.dy, ray.dz, world.tmin, far)
             found = find_first(
-                trees, pool, inner, block, Extent(Vec3(0.0, 0.0, 0.0), 0.0), want, limited
+                trees, pool, inner, block, _NEAR_ORIGIN, want, limited, None, 0.0, 0.0
             )
             if found == HIT:
                 t = inner.small[T]
@@ -367,7 +319,7 @@ def find_first_lazy(
                     hit = HIT
                     best = t
                     far = min(world.tmax, best + e)
-                    _keep_path(paths, at_level, step, HIT_PATH)
+                    keep_path(paths, at_level, step, HIT_PATH)
                     for k in range(inner.paths[HIT_PATH] + 1):
                         scratch.path[k] = inner.paths[HIT_PATH + k]
             elif found != MISS:
@@ -382,8 +334,8 @@ def find_first_lazy(
                 entry = wide(book.parts[part + P_TARGET])
                 if cut.of_entry[entry] != NEVER and item != start:
                     _load_box(slots, own, cut.box)
-                    middle = _middle_of(cut.box, above)
-                    size = _world_size(cut.linear, at_level, cut.box)
+                    middle = middle_of(cut.box, above)
+                    size = world_size(cut.linear, at_level, cut.box)
                     opens = not size < width + spread * max(middle, 0.0)
                 if not opens:
                     found, t, last = _meet_end(
@@ -395,6 +347,7 @@ def find_first_lazy(
                         above,
                         inverse,
                         ray,
+                        at_level,
                         middle,
                         world.tmin,
                         far,
@@ -409,9 +362,9 @@ def find_first_lazy(
                         hit = HIT
                         best = t
                         far = min(world.tmax, best + e)
-                        _keep_path(paths, level, last, HIT_PATH)
+                        keep_path(paths, level, last, HIT_PATH)
                 else:
-                    _go_down(cut.linear, at_level, inverse)
+                    go_down(cut.linear, at_level, inverse)
             if opens:
                 at_level += 1
                 store_ray(rays, at_level, ray, 0.0)

@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.jit import njit
-from pcsg.leaf.registry import OVERFLOW, Pool
+from pcsg.leaf.registry import ALL, OVERFLOW, Pool
+from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
+from pcsg.trace.indices import wide
 from pcsg.trace.merge import tolerance
 from pcsg.trace.simd import WIDTH
 from pcsg.trace.traversal import (
     ENDS,
     FRAME,
-    MAX_DEPTH,
     NONE,
     PATH,
     SLOT,
@@ -43,7 +44,6 @@ from pcsg.trace.traversal import (
     precedes,
     push_references,
     store_ray,
-    wide,
 )
 from pcsg.vec import Ray, load_affine, transform_ray
 
@@ -135,7 +135,8 @@ def ask(
                 at_level = present
         elif kind in (LEAF, SMALL):
             scratch.visits[2] += 1
-            n = cross_reference(trees, pool, scratch, kind, index, load_ray(rays, at_level))
+            inner = load_ray(rays, at_level)
+            n = cross_reference(trees, pool, scratch, kind, index, inner, t, far, ALL)
             if n == OVERFLOW:
                 return UNDECIDED, t
             for k in range(ENDS, n, 2):

@@ -18,7 +18,9 @@ from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, Pool
 from pcsg.trace.groups import INSTANCE, LEAF, Groups
+from pcsg.trace.indices import place, wide
 from pcsg.trace.merge import TABLES, tolerance, truth
+from pcsg.trace.simd import stay_apart
 from pcsg.vec import IDENTITY, Affine, Ray, load_affine, transform_ray
 
 MAX_PRIMITIVES = 6
@@ -27,6 +29,8 @@ HEADER, ENTRY = 3, 3
 """Entries of a small operation's record: number of primitives, number of its table, and which
 primitives every point of it is in; then for each primitive its reference, its leaf record and
 whether it is flipped; then the length of its program, and the program."""
+
+_ONE, _TWO = np.uint64(1), np.uint64(2)
 
 _WORK = 40
 """Where working space begins in the array that receives the primitives of crossings."""
@@ -164,6 +168,8 @@ def small_crossings(
     pool: Pool,
     at: int,
     ray: Ray,
+    low: float,
+    high: float,
     ends: NDArray[np.float64],
     begin: int,
     slots: NDArray[np.int32],
@@ -174,6 +180,8 @@ def small_crossings(
     ----------
     at
         Where its record begins in `smalls`.
+    low, high
+        Nobody asks for what lies before or beyond all of this.
     ends, begin
         Receives the crossings from `begin` on; used beyond them as working space.
     slots
@@ -184,28 +192,38 @@ def small_crossings(
     int
         End of the crossings in `ends`.
     """
-    count = smalls[at]
-    table = tables[smalls[at + 1]]
-    required = smalls[at + 2]
+    stay_apart()
+    header = place(at)
+    count = wide(smalls[header])
+    table = tables[place(smalls[header + _ONE])]
+    required = wide(smalls[header + _TWO])
     events = begin
     scratch = len(ends) - 8
     for j in range(count):
-        entry = at + HEADER + ENTRY * j
-        local = transform_ray(load_affine(inverses, 12 * smalls[entry]), ray)
-        leaf = 4 * smalls[entry + 1]
-        n = leaf_crossings(leaves[leaf], local, ALL, args, leaves[leaf + 1], pool, ends, scratch)
-        if n == scratch and (required >> j) & 1:
-            return begin
+        entry = header + place(HEADER + ENTRY * j)
+        local = transform_ray(load_affine(inverses, 12 * wide(smalls[entry])), ray)
+        leaf = place(4 * wide(smalls[entry + _ONE]))
+        solid, args_at = leaves[leaf], leaves[leaf + _ONE]
+        n = leaf_crossings(solid, local, ALL, args, args_at, pool, ends, scratch)
+        if (required >> j) & 1:
+            # The result lies in all of these.
+            if n == scratch:
+                return begin
+            low = max(low, ends[place(scratch)])
+            high = min(high, ends[place(n - 1)])
+            if low > high:
+                return begin
         for k in range(scratch, n):
             # Insertion by t; equal ends keep the order of the text.
-            t = ends[k]
-            p = events
-            while p > begin and ends[p - 1] > t:
-                ends[p] = ends[p - 1]
-                slots[p - begin] = slots[p - 1 - begin]
-                p -= 1
+            t = ends[place(k)]
+            p = place(events)
+            first = place(begin)
+            while p > first and ends[p - _ONE] > t:
+                ends[p] = ends[p - _ONE]
+                slots[p - first] = slots[p - first - _ONE]
+                p -= _ONE
             ends[p] = t
-            slots[p - begin] = j
+            slots[p - first] = j
             events += 1
     inside = np.uint64(0)
     was = np.uint64(0)

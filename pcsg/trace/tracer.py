@@ -3,25 +3,41 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pcsg.graph.graph import Graph
 from pcsg.graph.states import StateGraph
-from pcsg.leaf.registry import ANY, FIRST, Pool
+from pcsg.leaf.registry import FIRST
 from pcsg.trace.blocks import Blocks, build_blocks
 from pcsg.trace.blocks_batch import BAD_RAY, find_batch
+from pcsg.trace.coverage import (
+    BINS,
+    NO_FOOTPRINT,
+    RAYS_PER_BIN,
+    Collected,
+    Ends,
+    Footprint,
+    Sampled,
+    Space,
+    gather_coverage,
+    make_space,
+    measure,
+)
+from pcsg.trace.ends import NEVER
 from pcsg.trace.found import Found, FoundHits, make_found
-from pcsg.trace.hits import Hits, Spans
-from pcsg.trace.kernel import Extent
+from pcsg.trace.groups import INSTANCE
+from pcsg.trace.hits import Hits
+from pcsg.trace.kernel import Cut, Extent
 from pcsg.trace.pool import pool_of
-from pcsg.trace.rays import Rays, check_values, count_processors, run_chunks, shape_rays
-from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, Trees, make_scratch
+from pcsg.trace.rays import Rays, check_values, run_chunks, shape_rays
+from pcsg.trace.simd import WIDTH
+from pcsg.trace.states_engine import StatesEngine
+from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, make_scratch
 from pcsg.trace.walker import Walker
 from pcsg.vec import Vec3
 
@@ -30,7 +46,13 @@ Engine = Literal["auto", "cyclic", "states"]
 where they are finite in number."""
 
 
-class StatesTracer:
+Floats = NDArray[np.float64]
+
+RAYS_IN_ALL = 300_000
+"""Rays that measure what instances lead to, all together."""
+
+
+class StatesTracer(StatesEngine):
     """Rays through the blocks of a graph whose states are finite in number.
 
     Parameters
@@ -43,6 +65,8 @@ class StatesTracer:
         Most threads of one call; by default one for each processor.
     """
 
+    kernel: Any = find_batch
+
     def __init__(
         self,
         graph: Graph,
@@ -50,93 +74,57 @@ class StatesTracer:
         walker: Callable[[], Walker],
         threads: int | None = None,
     ) -> None:
-        self._models = pool_of(graph)
-        self.blocks: Blocks = build_blocks(graph, states, self._models)
-        self.threads = threads or count_processors()
-        self._make_walker = walker
-        self._lock = threading.Lock()
-        self._trees = Trees(*(getattr(self.blocks, name) for name in Trees._fields))
+        models = pool_of(graph)
+        super().__init__(build_blocks(graph, states, models), models, walker, threads)
         self._extent = _extent_of(self.blocks.box)
-        self._pool: Pool = self._models.pool
-        self._local = threading.local()
 
-    @property
-    def nbytes(self) -> dict[str, int]:
-        """Bytes of what rays read."""
-        return {"blocks": self.blocks.nbytes, **self._models.nbytes}
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Number of blocks."""
-        return {"blocks": self.blocks.n_blocks}
-
-    @cached_property
-    def _lists(self) -> Walker:
-        return self._make_walker()
-
-    @property
-    def walker(self) -> Walker:
-        """The walker, made when it is first needed."""
-        with self._lock:
-            return self._lists
-
-    def intersect(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = math.inf,
-    ) -> Hits:
-        """Find the first crossing of every ray, as `Walker.intersect`."""
-        rays = shape_rays(origins, directions, t_min, t_max)
+    def _find_hits(self, rays: Rays, footprint: Footprint | None) -> Hits:
         found = make_found(len(rays.origins))
-        answers = self._find(rays, FIRST, found)
+        answers = self._find(rays, FIRST, found, footprint)
         hits = FoundHits(found, self.blocks, self._pool)
         walked = np.flatnonzero(answers == UNDECIDED)
         if len(walked):
             hits.replace(walked, self.walker.find_surfaces(rays.take(walked)))
         return hits
 
-    def occluded(
+    def _find(
+        self, rays: Rays, want: int, out: Any, footprint: Footprint | None
+    ) -> NDArray[np.int8]:
+        ends = self._ends if footprint is not None else None
+        return self._cast(rays, want, out, footprint, ends, self.blocks.root, self._extent)
+
+    def _cast(
         self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = math.inf,
-    ) -> NDArray[np.bool_]:
-        """Find whether every ray crosses anything, as `Walker.occluded`."""
-        rays = shape_rays(origins, directions, t_min, t_max)
-        answers = self._find(rays, ANY, _NOWHERE)
-        out: NDArray[np.bool_] = answers == HIT
-        walked = np.flatnonzero(answers == UNDECIDED)
-        if len(walked):
-            out[walked] = self.walker.find_occlusion(rays.take(walked))
-        return out
-
-    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Find whether the solid contains points (N, 3)."""
-        return self.walker.contains(points)
-
-    def spans(self, origins: ArrayLike, directions: ArrayLike) -> Spans:
-        """Find all inside intervals of every ray, on the whole line."""
-        return self.walker.spans(origins, directions)
-
-    def _find(self, rays: Rays, want: int, found: Found) -> NDArray[np.int8]:
+        rays: Rays,
+        want: int,
+        out: Found | None,
+        footprint: Footprint | None,
+        ends: Ends | None,
+        root: int,
+        extent: Extent,
+    ) -> NDArray[np.int8]:
+        """Cast rays from a block on, in the frame of its group."""
         n = len(rays.origins)
         answers = np.empty(n, np.int8)
 
         def work(begin: int, end: int) -> None:
+            scratch, space = self._own()
+            cut = None
+            if ends is not None:
+                cut = Cut(ends.cover, ends.of_place, self.blocks.ref_boxes, *space)
             status = find_batch(
                 self._trees,
                 self._pool,
-                self._scratch(),
-                self.blocks.root,
-                self._extent,
+                scratch,
+                root,
+                extent,
                 want,
+                cut,
+                NO_FOOTPRINT if footprint is None else footprint,
                 *rays,
                 begin,
                 end,
-                found,
+                _NOWHERE if out is None else out,
                 answers,
             )
             if status == BAD_RAY:
@@ -145,11 +133,60 @@ class StatesTracer:
         run_chunks(n, self.threads, work)
         return answers
 
-    def _scratch(self) -> Scratch:
-        if not hasattr(self._local, "scratch"):
-            self._local.scratch = make_scratch()
-        scratch: Scratch = self._local.scratch
-        return scratch
+    def _own(self) -> tuple[Scratch, Space]:
+        if not hasattr(self._local, "own"):
+            self._local.own = make_scratch(), make_space()
+            self._remember(self._local.own[0])
+        own: tuple[Scratch, Space] = self._local.own
+        return own
+
+    @property
+    def _ends(self) -> Ends:
+        with self._lock_of_ends:
+            return self._measured
+
+    @cached_property
+    def _measured(self) -> Ends:
+        """Measure what instances lead to."""
+        blocks = self.blocks
+        kinds = blocks.refs & 7
+        instances = np.unique(blocks.refs[kinds == INSTANCE] >> 3)
+        below = blocks.targets[instances]
+        of_place = np.full(len(blocks.targets), NEVER, np.int32)
+        targets = [int(block) for block in np.unique(below)]
+        per_bin = int(np.clip(RAYS_IN_ALL // (BINS * max(1, len(targets))), 4, RAYS_PER_BIN))
+        collected: list[Collected] = []
+        for target in targets:
+            box = _box_of(blocks, target)
+            if np.isfinite(box).all() and (box[:3] <= box[3:]).all():
+                of_place[instances[below == target]] = len(collected)
+                collected.append(measure(box, self._sampler(target, box), target, per_bin))
+        return Ends(gather_coverage(collected), of_place)
+
+    def _sampler(self, target: int, box: Floats) -> Callable[[Floats, Floats], Sampled]:
+        """Return what casts rays through a group, all of it."""
+        extent = _extent_of(box.reshape(2, 3))
+
+        # Nothing ends here, but the kernel is the one that pictures need anyway.
+        ends = Ends(gather_coverage([]), np.full(len(self.blocks.targets), NEVER, np.int32))
+
+        def cast(origins: Floats, directions: Floats) -> Sampled:
+            n = len(origins)
+            wide = Footprint(np.zeros(n), np.zeros(n))
+            out = make_found(n)
+            rays = shape_rays(origins, directions, 0.0, math.inf)
+            answers = self._cast(rays, FIRST, out, wide, ends, target, extent)
+            return Sampled(
+                answers == HIT, out.normal, np.zeros((n, 0)), out.record.astype(np.int64)
+            )
+
+        return cast
+
+
+def _box_of(blocks: Blocks, block: int) -> Floats:
+    """Return the box of a group, from the boxes of its first block."""
+    planes = blocks.boxes[6 * WIDTH * block : 6 * WIDTH * (block + 1)].reshape(6, WIDTH)
+    return np.concatenate([planes[:3].min(axis=1), planes[3:].max(axis=1)]).astype(np.float64)
 
 
 def _extent_of(box: NDArray[np.float64]) -> Extent:

@@ -15,16 +15,15 @@ from numpy.typing import NDArray
 
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
-from pcsg.leaf.registry import ALL, Pool
+from pcsg.leaf.registry import Pool
+from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import LEAF, SMALL
+from pcsg.trace.indices import place, wide
 from pcsg.trace.simd import WIDTH, count_trailing_zeros, meet_boxes, prepare_ray
 from pcsg.trace.small import ENTRY, HEADER, small_crossings
 from pcsg.vec import Ray, load_affine, transform_ray
 
 MISS, HIT, INSIDE, UNDECIDED = 0, 1, 2, -1
-
-MAX_DEPTH = 120
-"""Levels of instances and operations; deeper rays are undecided."""
 
 STACK = 4_096
 PATH = MAX_DEPTH + 4
@@ -126,18 +125,6 @@ def make_scratch() -> Scratch:
     )
 
 
-@njit(inline=True)
-def wide(x: int | np.uint64) -> int:
-    """Return an integer with 64 bits, wherever it comes from."""
-    return np.int64(x)  # type: ignore[return-value]  # to numba it is an int
-
-
-@njit(inline=True)
-def place(x: int) -> np.uint64:
-    """Return a number that is not negative as an index, which then needs no test of its sign."""
-    return np.uint64(x)
-
-
 class Slabs(NamedTuple):
     """A ray prepared for boxes, in single precision; the rest is in `Scratch.slabs`.
 
@@ -221,8 +208,8 @@ def store_ray(rays: NDArray[np.float64], level: int, ray: Ray, about: float) -> 
 
 
 @njit(inline=True)
-def load_ray(rays: NDArray[np.float64], level: int) -> Ray:
-    """Return the ray of a level."""
+def load_ray(rays: NDArray[np.float64], level: int, low: float = 0.0, high: float = 0.0) -> Ray:
+    """Return the ray of a level; where limits matter, with these."""
     a = place(8 * level)
     b = a + _THREE
     return Ray(
@@ -232,8 +219,8 @@ def load_ray(rays: NDArray[np.float64], level: int) -> Ray:
         rays[b],
         rays[b + _ONE],
         rays[b + _TWO],
-        0.0,
-        0.0,
+        low,
+        high,
     )
 
 
@@ -244,7 +231,7 @@ def load_beginning(rays: NDArray[np.float64], level: int) -> float:
 
 
 @njit
-def _keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None:
+def keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None:
     """Copy the present path down to a level, and its last reference."""
     paths[at] = level + 1
     for k in range(level):
@@ -254,15 +241,27 @@ def _keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None
 
 @njit(inline=True)
 def cross_reference(
-    trees: Trees, pool: Pool, scratch: Scratch, kind: int, index: int, ray: Ray
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    kind: int,
+    index: int,
+    ray: Ray,
+    low: float,
+    high: float,
+    want: int,
 ) -> int:
-    """Write the crossings of a leaf or a small operation to `Scratch.small` from `ENDS` on."""
+    """Write the crossings of a leaf or a small operation to `Scratch.small` from `ENDS` on.
+
+    A small operation needs all of them, whatever is wanted, but leaves out what lies before `low`
+    or beyond `high`, if it likes.
+    """
     inner = transform_ray(load_affine(trees.inverses, 12 * index), ray)
     target = wide(trees.targets[place(index)])
     if kind == LEAF:
         at = place(4 * target)
         solid, args_at = trees.leaves[at], trees.leaves[at + _ONE]
-        n: int = leaf_crossings(solid, inner, ALL, trees.args, args_at, pool, scratch.small, ENDS)
+        n: int = leaf_crossings(solid, inner, want, trees.args, args_at, pool, scratch.small, ENDS)
         return n
     return small_crossings(
         trees.smalls,
@@ -273,6 +272,8 @@ def cross_reference(
         pool,
         target,
         inner,
+        low,
+        high,
         scratch.small,
         ENDS,
         scratch.slots,
@@ -285,7 +286,7 @@ def keep_surface(
 ) -> None:
     """Keep the path to the surface that crossing k belongs to."""
     paths = scratch.paths
-    _keep_path(paths, level, index, at)
+    keep_path(paths, level, index, at)
     if kind == SMALL:
         slot = scratch.slots[k - ENDS]
         paths[at] = level + 3

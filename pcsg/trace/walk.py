@@ -391,7 +391,12 @@ def walk(
                         ends[0], ends[1] = -math.inf, math.inf
                         n = 2
                 else:
-                    n = leaf_crossings(solid, ray, ALL, args, args_at, pool, ends, 0)
+                    asked = ALL
+                    if not lists:
+                        asked = want
+                        low = world.tmin if sheet else near
+                        ray = Ray(ray.ox, ray.oy, ray.oz, ray.dx, ray.dy, ray.dz, low, best)
+                    n = leaf_crossings(solid, ray, asked, args, args_at, pool, ends, 0)
                     if n == OVERFLOW:
                         return CROSSINGS_FULL, 0
                 used = False

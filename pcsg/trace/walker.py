@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -129,6 +130,9 @@ class Walker:
         The graph's states, which tell the models of leaves with data; enumerated if they are
         needed and not given.
     """
+
+    kernel: Any = trace_batch
+    """The compiled entry."""
 
     def __init__(
         self,

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from writers import glb_bytes, obj_text, pack_glb, ply_bytes, stl_bytes
 
 from pcsg.meshfile import Mesh, MeshFileError, read_mesh
 from pcsg.meshfile.polygons import cut_ears
 from pcsg.meshfile.read import READERS
-from tests.meshfile.writers import glb_bytes, obj_text, pack_glb, ply_bytes, stl_bytes
 
 CUBE = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
 FACES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -66,6 +66,20 @@ def test_obj_coordinates_and_normals(tmp_path: Path) -> None:
     assert np.isnan(mesh.corner_uv[2:]).all()
     assert mesh.corner_normals[:3].tolist() == [[0.0, 0.0, 2.0]] * 3
     assert np.isnan(mesh.corner_normals[3:]).all()
+
+
+def test_colors_of_vertices_become_linear(tmp_path: Path) -> None:
+    mesh = read("v 0 0 0 1 0.5 0\nv 1 0 0\nv 0 1 0 0 0 0.04\nf 1 2 3\n", "obj", tmp_path)
+    assert mesh.corner_colors is not None
+    assert np.allclose(mesh.corner_colors[0], [1.0, ((0.5 + 0.055) / 1.055) ** 2.4, 0.0])
+    assert np.isnan(mesh.corner_colors[1]).all()
+    assert np.allclose(mesh.corner_colors[2], [0.0, 0.0, 0.04 / 12.92])
+    text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    text += "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+    text += "element face 1\nproperty list uchar int vertex_index\nend_header\n"
+    mesh = read(text + "0 0 0 255 0 51\n1 0 0 0 0 0\n0 1 0 0 0 0\n3 0 1 2\n", "ply", tmp_path)
+    assert mesh.corner_colors is not None
+    assert np.allclose(mesh.corner_colors[0], [1.0, 0.0, ((0.2 + 0.055) / 1.055) ** 2.4])
 
 
 @pytest.mark.parametrize("text", [False, True])
@@ -217,6 +231,9 @@ def test_missing_and_unknown_files(tmp_path: Path) -> None:
         read_mesh(tmp_path / "nothing.obj")
     with pytest.raises(MeshFileError, match=r"ends in one of \.obj, \.ply, \.stl, \.glb"):
         read_mesh(tmp_path / "picture.png")
+    for wrong in (tmp_path, tmp_path / "with\0nul"):
+        with pytest.raises(MeshFileError):
+            read_mesh(wrong.with_suffix(".obj"))
 
 
 @given(

@@ -48,7 +48,10 @@ def test_rays_at_surfaces(text: str, distance: float, length: float) -> None:
         for engine in ("states", "cyclic")
     )
     np.testing.assert_array_equal(found.mask, walked.mask)
-    np.testing.assert_allclose(found.t, walked.t, rtol=1e-7, atol=1e-9 * (1.0 + distance) / length)
+    hit = found.mask
+    room = 1e-9 * (1.0 + distance) + 1e-14 * np.linalg.norm(aims[hit], axis=1)
+    off = np.abs(found.t[hit] - walked.t[hit])
+    assert (off <= room / length + 1e-7 * walked.t[hit]).all()
     assert found.mask.mean() > 0.3 or distance >= 1e9
 
 

@@ -69,3 +69,31 @@ def test_limits_of_single_rays() -> None:
     assert hits.mask.tolist() == [True, False, True]
     hits = scene.intersect(origins, (0.0, 0.0, -1.0), np.array([0.0, 0.0, 7.0]), 10.0)
     assert hits.mask.tolist() == [True, True, False]
+
+
+HOLLOW = """hall | move(0.4,0,0) uscale(0.3) ball | move(2.5,0,0) sphere
+hall = uscale(3) box \\ uscale(2.9) sphere
+ball = sphere \\ move(0,0,0.5) uscale(0.8) sphere
+"""
+
+
+def test_rays_from_within_are_answered_without_lists(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    origins, directions = rng.uniform(-3, 3, (3000, 3)), rng.normal(size=(3000, 3))
+    walker = pcsg.loads(HOLLOW, engine="cyclic")
+    within = walker.contains(origins)
+    origins, directions = origins[within], directions[within]
+    assert len(origins) > 500
+    walked = walker.intersect(origins, directions)
+    near = walker.intersect(origins, directions, 0.0, 0.5)
+    blocked = walker.occluded(origins, directions, 0.0, 0.5)
+    scene = pcsg.loads(HOLLOW, engine="states")
+    monkeypatch.setattr(type(scene.tracer), "walker", property(lambda self: pytest.fail("walked")))
+    for found, expected in (
+        (scene.intersect(origins, directions), walked),
+        (scene.intersect(origins, directions, 0.0, 0.5), near),
+    ):
+        np.testing.assert_array_equal(found.leaf, expected.leaf)
+        np.testing.assert_allclose(found.t, expected.t, rtol=1e-9)
+        np.testing.assert_allclose(found.normal, expected.normal, atol=1e-9)
+    np.testing.assert_array_equal(scene.occluded(origins, directions, 0.0, 0.5), blocked)

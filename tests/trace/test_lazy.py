@@ -184,7 +184,7 @@ def brightness(hits: Any) -> float:
     return float(light.sum() / len(light))
 
 
-@pytest.mark.parametrize("pixels", [24, 10])
+@pytest.mark.parametrize("pixels", [24, 16])
 def test_what_is_smaller_than_a_pixel_covers_as_much_as_it_does(pixels: int) -> None:
     graph = plant(10)
     origins, directions, footprint = seen_from_afar(graph, pixels, (0.0, 0.0, 2.0))

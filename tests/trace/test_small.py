@@ -19,7 +19,6 @@ from pcsg.graph.hulls import Hulls
 from pcsg.graph.nodes import Node
 from pcsg.graph.operators import DIFFERENCE, INTERSECTION
 from pcsg.graph.states import enumerate_states
-from pcsg.simd import WIDTH
 from pcsg.trace.blocks import Blocks, build_blocks
 from pcsg.trace.groups import (
     BLOCK,
@@ -32,6 +31,7 @@ from pcsg.trace.groups import (
     OperationRecord,
     gather,
 )
+from pcsg.trace.simd import WIDTH
 from pcsg.trace.small import MAX_PRIMITIVES, flatten_operation
 
 BALLS = [cases.prefix("move", 0.25 * k, 0, 0) * cases.solid("sphere") for k in range(7)]

@@ -1,0 +1,95 @@
+"""Whole pictures beside POV-Ray; the time to start; the memory of a process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from benchmarks import povray
+from benchmarks.report import Effort, Row, Subject, ratio
+from benchmarks.scenes import SCENES
+from benchmarks.views import look_at
+
+
+def _measure(command: Sequence[str], **variables: str) -> tuple[float, float, float]:
+    """Return seconds on the clock, processor seconds and peak megabytes of a command."""
+    script = (
+        "import resource, subprocess, sys, time; t = time.perf_counter();"
+        "subprocess.run(sys.argv[1:], check=True, capture_output=True);"
+        "r = resource.getrusage(resource.RUSAGE_CHILDREN);"
+        "print(time.perf_counter() - t, r.ru_utime + r.ru_stime, r.ru_maxrss / 1e3)"
+    )
+    environment = {**os.environ, **variables}
+    line = [sys.executable, "-c", script, *command]
+    told = subprocess.run(line, check=True, capture_output=True, text=True, env=environment)
+    clock, processor, peak = map(float, told.stdout.split())
+    return clock, processor, peak
+
+
+def _render(folder: str, name: str, size: int, *more: str) -> list[str]:
+    subject = SCENES[name]
+    path = Path(folder) / "scene.pcsg"
+    path.write_text(subject.text(), encoding="utf-8")
+    values = [f"-D{key}={value}" for key, value in subject.values.items()]
+    command = [sys.executable, "-m", "pcsg", "render", str(path), "-q", *values]
+    return [*command, "--size", f"{size}x{size}", "-o", str(Path(folder) / "out.png"), *more]
+
+
+def pictures(effort: Effort) -> Iterator[Row]:
+    names = ("Sierpinski 8", "fig 5a", "terrain 8", "tree", "Sierpinski 40", "terrain 14")
+    targets = {"Sierpinski 8": 5.0, "fig 5a": 50.0, "terrain 8": 5.0}
+    for name in names[:1] if effort.tiny else names:
+        scene = SCENES[name].load()
+        view = look_at(scene.bounds)
+        camera = ("--samples", "1", "--mode", "direct", "--camera", view.option)
+        with tempfile.TemporaryDirectory() as folder:
+            command = _render(folder, name, effort.size, *camera)
+            _measure(command)
+            clock, processor, peak = _measure(command)
+        theirs = None
+        if povray.is_there() and scene.states.finite and name in targets:
+            theirs = povray.run(povray.write_scene(scene, view), effort.size)["seconds"]
+        yield Row(
+            name, (clock, processor, peak, theirs), ratio(theirs, processor), targets.get(name)
+        )
+
+
+def startup(effort: Effort) -> Iterator[Row]:
+    pcsg = [sys.executable, "-m", "pcsg"]
+    clock, processor, peak = min(_measure([*pcsg, "--help"]) for _ in range(3))
+    yield Row("pcsg --help", (clock, processor, peak), clock, 0.3, at_most=True)
+    if effort.tiny:
+        return
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as cache:
+        command = _render(folder, "tree", effort.size)
+        first = _measure(command, XDG_CACHE_HOME=cache)
+        yield Row("render the tree, first time", first, first[0], 30.0, at_most=True)
+        again = min(_measure(command, XDG_CACHE_HOME=cache) for _ in range(3))
+        yield Row("render the tree, warm", again, again[0], 2.0, at_most=True)
+        command = _render(folder, "Sierpinski 40", effort.size)
+        _measure(command, XDG_CACHE_HOME=cache)
+        deep = _measure(command, XDG_CACHE_HOME=cache)
+        yield Row("Sierpinski 40, MB of the process", deep, deep[2], 300.0, at_most=True)
+
+
+PICTURES = Subject(
+    "pictures",
+    "Whole pictures",
+    "`pcsg render`, warm, 512 x 512, one sample, sun with shadow and sky, from start to file:"
+    " seconds on the clock, processor seconds, peak megabytes; beside POV-Ray's processor seconds"
+    " with one light and shadow. The ratio is POV-Ray over ours, processor time.",
+    ("clock", "processor", "MB", "POV-Ray"),
+    pictures,
+)
+STARTUP = Subject(
+    "start",
+    "Start",
+    "Seconds on the clock, processor seconds, peak megabytes of whole processes; *first time* with"
+    " no kernel compiled. 512 x 512, default samples.",
+    ("clock", "processor", "MB"),
+    startup,
+)

@@ -1,0 +1,114 @@
+"""Primitives that name files: what names are relative to, and back to text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pcsg import Scene, UsageError
+from pcsg.errors import GrammarError
+from pcsg.grammar import load_file, load_text
+from pcsg.graph.build import CONSTRUCTORS
+from pcsg.graph.graph import Graph
+from pcsg.graph.nodes import Leaf
+from pcsg.graph.text import node_text, to_pcsg
+from pcsg.leaf.mesh import MeshModel
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
+
+
+def meshes(graph: Graph) -> list[MeshModel]:
+    return [n.constants[0] for n in graph.nodes if isinstance(n, Leaf) and n.constants]  # type: ignore[misc]
+
+
+def sizes(graph: Graph) -> list[int]:
+    return [len(mesh.triangles) for mesh in meshes(graph)]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "one.obj").write_text(TRIANGLE)
+    (tmp_path / "parts" / "one.obj").write_text(SQUARE)
+    (tmp_path / "parts" / "square.pcsg").write_text(
+        '#define MACRO mesh("one.obj")\nsq = mesh("one.obj")'
+    )
+    return tmp_path
+
+
+def test_names_are_relative_to_the_file_they_are_written_in(folder: Path) -> None:
+    root = folder / "root.pcsg"
+    root.write_text(
+        '#include "parts/square.pcsg"\nmesh("one.obj") | sq | MACRO | mesh("parts/one.obj")'
+    )
+    assert sizes(load_file(root)) == [1, 2, 2, 2]
+
+
+def test_names_in_a_text_are_relative_to_the_working_directory(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    assert sizes(load_text('mesh("one.obj")', name="elsewhere/x.pcsg")) == [1]
+    assert sizes(Graph(CONSTRUCTORS["mesh"]("parts/one.obj"))) == [2]  # type: ignore[operator]
+
+
+def test_a_file_is_read_once_and_again_when_it_changes(folder: Path) -> None:
+    root = folder / "root.pcsg"
+    root.write_text('mesh("one.obj") | move(2, 0, 0) mesh("one.obj")')
+    graph = load_file(root)
+    first, second = meshes(graph)
+    assert first is second
+    (folder / "one.obj").write_text(SQUARE)
+    assert sizes(load_file(root)) == [2, 2]
+    assert sizes(graph) == [1, 1]
+
+
+def test_back_to_text(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    graph = load_text(
+        '{c = 2} M\nM if(c > 0, 2, 1)\n1: M -> mesh("one.obj")\n'
+        '2: M -> mesh("parts/one.obj") | {c = c-1} M'
+    )
+    text = to_pcsg(graph)
+    assert 'mesh("one.obj")' in text and 'mesh("parts/one.obj")' in text
+    assert load_text(text) == graph
+    assert load_text(text.replace("parts/", "")) != graph
+
+
+def test_arrays_have_no_text() -> None:
+    leaf = CONSTRUCTORS["mesh"]([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])  # type: ignore[operator]
+    assert node_text(leaf) == "mesh(...)"  # in drawings
+    with pytest.raises(UsageError, match="a grammar cannot hold the data of this `mesh`"):
+        to_pcsg(Graph(leaf))
+
+
+def test_the_digest_of_a_scene_knows_the_content_of_files(folder: Path) -> None:
+    root = folder / "root.pcsg"
+    root.write_text('mesh("one.obj")')
+    before = Scene(load_file(root)).source_hash
+    assert Scene(load_file(root)).source_hash == before
+    (folder / "one.obj").write_text(SQUARE)
+    assert Scene(load_file(root)).source_hash != before
+
+
+def test_a_missing_file_hides_no_other_mistake(folder: Path) -> None:
+    root = folder / "root.pcsg"
+    root.write_text('mesh("none.obj") | mesh("none.obj") | spere | rotz(1, 2) mesh("one.obj")')
+    with pytest.raises(GrammarError) as caught:
+        load_file(root)
+    codes = [d.code for d in caught.value.diagnostics]
+    assert codes == ["bad-file", "bad-file", "unknown-primitive", "wrong-arguments"]
+
+
+def test_a_solid_mesh_can_be_subtracted_and_a_sheet_cannot(folder: Path) -> None:
+    root = folder / "root.pcsg"
+    (folder / "closed.obj").write_text(
+        "v 1 1 1\nv -1 -1 1\nv 1 -1 -1\nv -1 1 -1\nf 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n"
+    )
+    root.write_text('box \\ mesh("closed.obj")')
+    assert load_file(root).nodes
+    root.write_text('box \\ mesh("one.obj")')
+    with pytest.raises(GrammarError, match="sheet-subtracted"):
+        load_file(root)
