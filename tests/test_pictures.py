@@ -23,7 +23,6 @@ SMALLER = {
     "sea": {"cnt": 3.0},
     "dawn": {"cnt": 2.0},
     "meadow": {"cnt": 3.0},
-    "sponge": {"n": 3.0},
 }
 """Orders at which a map is quick; the rules are the same."""
 

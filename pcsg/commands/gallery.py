@@ -50,11 +50,9 @@ PICTURES = (
     Picture("menger", "The Menger sponge"),
     Picture("dawn", "A forest on an island at dawn"),
     Picture("zoom", "Near the corner of a Sierpinski tetrahedron of order 40"),
-    Picture("sponge", "Inside a Menger sponge of order 6"),
     Picture("meadow", "A meadow"),
     Picture("flock", "A flock of birds"),
     Picture("wind", "An autumn tree in the wind"),
-    Picture("glass", "Glass, metal and marble"),
 )
 """What `docs/gallery.md` shows, in its order."""
 
