@@ -12,5 +12,8 @@ test:             ## the whole suite
 bench:            ## speed and memory, see benchmarks/README.md
 	python -m benchmarks
 
+gallery:          ## make the pictures of docs/gallery.md anew
+	python -m pcsg gallery --render -o docs/pictures
+
 docs:             ## rewrite the pages and golden files that are made from the code
 	python -m pytest --update -q

@@ -9,7 +9,7 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import blobs, detail, mesh, operations, pictures, rays, trees
+from benchmarks import blobs, detail, mesh, modes, operations, pictures, rays, trees
 from benchmarks.report import Effort, Subject, describe_machine, lines_of
 
 SUBJECTS: tuple[Subject, ...] = (
@@ -22,6 +22,7 @@ SUBJECTS: tuple[Subject, ...] = (
     trees.WEIGHTS,
     trees.ROUND_TRIPS,
     trees.HARD,
+    modes.MODES,
     mesh.MESH,
     operations.OPERATIONS,
     detail.LAZY,

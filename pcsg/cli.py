@@ -223,6 +223,102 @@ def graph(
 
 @app.command()
 @guard
+def animate(
+    file: File,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="OUT", help=".webp, .gif, .png, .mp4, frame_##.png"),
+    ] = None,
+    frames: Annotated[str, typer.Option(metavar="A..B", help="First and last.")] = "0..23",
+    fps: Annotated[float, typer.Option(help="Frames in a second.")] = 12.0,
+    assignments: Annotated[
+        list[str],
+        typer.Option("-D", "--set", metavar="NAME=A..B", help="From A to B over the frames."),
+    ] = [],  # noqa: B006 - typer copies defaults
+    time: Annotated[
+        str | None, typer.Option(metavar="A..B", help="The grammar's TIME; default: seconds.")
+    ] = None,
+    orbit: Annotated[
+        float, typer.Option(metavar="DEGREES", help="How far the camera goes round.")
+    ] = 0.0,
+    size: Annotated[str, typer.Option(metavar="WxH", help="In pixels.")] = "480x360",
+    samples: Annotated[int, typer.Option(help="Most samples per pixel.")] = 16,
+    mode: Annotated[
+        str | None,
+        typer.Option(help="preview, direct or path; default the grammar's.", show_default=False),
+    ] = None,
+    seed: Seed = None,
+    camera: Annotated[str, typer.Option(metavar="KEYS", help="As for render.")] = "",
+    sun: Annotated[str, typer.Option(metavar="KEYS", help="As for render.")] = "",
+    jobs: Annotated[
+        int | None, typer.Option(help="Frames made at a time.", show_default=False)
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Keep frames that are there already.")
+    ] = False,
+    include: Include = [],  # noqa: B006 - typer copies defaults
+    max_memory: MaxMemory = None,
+    engine: EngineName = "auto",
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False,
+) -> None:
+    """Make a moving picture of a grammar."""
+    from pcsg.commands.animate import AnimateArguments, run
+
+    run(
+        AnimateArguments(
+            file=file,
+            output=output,
+            frames=frames,
+            fps=fps,
+            time=time,
+            orbit=orbit,
+            size=size,
+            samples=samples,
+            assignments=assignments,
+            seed=seed,
+            settings={"camera": camera, "sun": sun, "film": f"mode={mode}" if mode else ""},
+            jobs=jobs,
+            include=include,
+            max_memory=max_memory,
+            engine=engine,
+            resume=resume,
+            quiet=quiet,
+        )
+    )
+
+
+@app.command()
+@guard
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Of the grammar.")],
+) -> None:
+    """Write a commented grammar to begin with."""
+    from pcsg.commands.gallery import start
+
+    start(name)
+
+
+@app.command()
+@guard
+def gallery(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Which; default all.")
+    ] = None,
+    render: Annotated[bool, typer.Option("--render", help="Make the pictures.")] = False,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Where to.")
+    ] = Path(),
+    size: Annotated[str, typer.Option(metavar="WxH", help="In pixels.")] = "640x480",
+    samples: Annotated[int, typer.Option(help="Most samples per pixel.")] = 16,
+) -> None:
+    """List the grammars that come with pcsg, or make their pictures."""
+    from pcsg.commands.gallery import run
+
+    run(names or [], render, output, ["--size", size, "--samples", str(samples)])
+
+
+@app.command()
+@guard
 def warmup(json: Json = False) -> None:
     """Compile all kernels now, so that the first picture need not wait."""
     from pcsg.commands.warmup import run

@@ -18,7 +18,12 @@ from pcsg.scene import Scene
 GRAMMARS = sorted((Path(__file__).parent.parent / "grammars").glob("*.pcsg"))
 GOLDEN = Path(__file__).parent / "golden"
 SIZE = 64, 48
-SMALLER = {"terrain": {"cnt": 3.0}}
+SMALLER = {
+    "terrain": {"cnt": 3.0},
+    "sea": {"cnt": 3.0},
+    "dawn": {"cnt": 2.0},
+    "meadow": {"cnt": 3.0},
+}
 """Orders at which a map is quick; the rules are the same."""
 
 

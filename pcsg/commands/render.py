@@ -213,10 +213,21 @@ def _summary(job: Job, files: Sequence[Path]) -> dict[str, Any]:
         "seconds": round(progress.seconds, 3),
         "rays": progress.rays,
         "rays_per_second": round(progress.rays / max(progress.seconds, 1e-9)),
+        "memory": _peak_memory(),
         "samples_per_pixel": round(progress.samples / pixels, 3),
         **{name.removeprefix("pcsg:"): text for name, text in job.metadata.items()},
         "size": list(job.options.size),
     }
+
+
+def _peak_memory() -> int | None:
+    """Return the most bytes that this process had in memory, None where that is not told."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return most if sys.platform == "darwin" else 1024 * most
 
 
 def _tell(job: Job, output: Path, verbose: bool) -> None:

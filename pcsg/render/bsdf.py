@@ -41,8 +41,6 @@ class Matter(NamedTuple):
         (N,) index of refraction behind the surface, as the viewer sees it, over that before it.
     sheet
         (N,) whether the surface has no inside, so that light goes straight through.
-    leaving
-        (N,) whether the viewer looks at it from inside.
     """
 
     normal: Floats
@@ -56,7 +54,6 @@ class Matter(NamedTuple):
     translucency: Floats
     eta: Floats
     sheet: Bools
-    leaving: Bools
 
 
 class Albedo(NamedTuple):

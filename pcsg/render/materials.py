@@ -214,7 +214,6 @@ class Materials:
             columns["translucency"],
             eta,
             sheet,
-            leaving & ~sheet,
         )
         return Surface(position, columns["emission"], matter, which)
 

@@ -22,14 +22,15 @@ ROULETTE = 3
 
 MATT = 1.0
 """Density of a scattered direction, per steradian, below which what it meets is not a mirror
-image: in mode direct a ray ends there, in mode path gloss is blurred from there on."""
+image: in mode direct a ray ends there."""
 
 MANY = 6
 """Most lights that are all asked at the first surface."""
 
-BLUR = 0.35
-"""Least roughness of gloss seen by way of matt surfaces. Light that a mirror or a lens gathers on
-them is blurred by it, instead of appearing as single white points."""
+BLUR = 0.6
+"""Least roughness of gloss that is seen by way of matt surfaces; by way of gloss, it is at least as
+rough as that. Light that a mirror or a lens gathers is blurred by it, instead of appearing as
+single white points (Kaplanyan and Dachsbacher 2013)."""
 
 
 class _Paths(NamedTuple):
@@ -47,8 +48,10 @@ class _Paths(NamedTuple):
         (N,) with which its direction was drawn.
     chances
         (L, N) with which each light was asked where it comes from.
-    blurred
+    matt
         (N,) whether it met a matt surface.
+    least
+        (N,) least roughness of what is seen along it.
     """
 
     row: Ints
@@ -57,7 +60,8 @@ class _Paths(NamedTuple):
     share: Floats
     density: Floats
     chances: Floats
-    blurred: Bools
+    matt: Bools
+    least: Floats
 
     def take(self, rows: Ints) -> _Paths:
         """Return some of the paths."""
@@ -68,7 +72,8 @@ class _Paths(NamedTuple):
             self.share[rows],
             self.density[rows],
             self.chances[:, rows],
-            self.blurred[rows],
+            self.matt[rows],
+            self.least[rows],
         )
 
 
@@ -109,6 +114,7 @@ class Path:
             np.full(n, np.inf),
             np.ones((lights, n)),
             np.zeros(n, dtype=bool),
+            np.zeros(n),
         ).take(seen)
         hits, at = first, seen
         for depth in range(stage.bounces):
@@ -120,9 +126,9 @@ class Path:
             rgb[paths.row] += paths.share * surface.emission
             going = np.arange(len(at))
             if not self.follows_matt:
-                going = np.flatnonzero(~paths.blurred)
+                going = np.flatnonzero(~paths.matt)
             paths, surface = paths.take(going), surface.take(going)
-            surface = surface.roughened(np.where(paths.blurred, BLUR, 0.0))
+            surface = surface.roughened(paths.least)
             scale = np.maximum(np.abs(surface.position).max(axis=1), hits.t[at[going]])
             here = samples.take(paths.row)
             chances = self._chances(surface.position, depth)
@@ -226,15 +232,18 @@ class Path:
         start = leave(self.stage.tracer, surface.take(on), scale[on], found.direction[on])
         free = np.flatnonzero(~start.closed)
         on = on[free]
-        matt = found.density[on] < MATT
+        density = found.density[on]
+        # A facet of roughness r, seen straight, mirrors with the density 1 / (4 pi r^4).
+        spread = np.minimum((4.0 * np.pi * density) ** -0.25, BLUR)
         onward = _Paths(
             paths.row[on],
             start.origins[free],
             found.direction[on],
             share[free],
-            found.density[on],
+            density,
             chances[:, on],
-            paths.blurred[on] | matt,
+            paths.matt[on] | (density < MATT),
+            np.maximum(paths.least[on], spread),
         )
         return onward, start.rays
 

@@ -40,7 +40,7 @@ def matter(viewers, **changes):
     up = np.tile([0.0, 0.0, 1.0], (n, 1))
     color = np.broadcast_to(np.asarray(values.pop("color"), float), (n, 3)).copy()
     columns = {name: np.full(n, value) for name, value in values.items()}
-    return Matter(up, up, np.asarray(viewers, float), color, leaving=np.zeros(n, bool), **columns)
+    return Matter(up, up, np.asarray(viewers, float), color, **columns)
 
 
 def tilted(tilt, n):

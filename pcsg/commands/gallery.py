@@ -1,0 +1,156 @@
+"""``pcsg gallery``: the grammars that come with pcsg, and their pictures. ``pcsg new``: a start."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import typer
+
+from pcsg.commands.guard import say
+from pcsg.errors import EnvironmentFault, UsageError, suggest
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of the gallery.
+
+    Attributes
+    ----------
+    name
+        Of the grammar and of the picture.
+    title
+        What it shows.
+    options
+        Of ``pcsg render``, besides the grammar and the output.
+    """
+
+    name: str
+    title: str
+    options: tuple[str, ...] = ()
+
+
+PICTURES = (
+    Picture("tree", "A tree in the afternoon"),
+    Picture("sierpinski", "The Sierpinski tetrahedron (picture 1)"),
+    Picture("relief", "Landsberg's relief (picture 2)"),
+    Picture("leaf", "Leaves of hollow balls (picture 3)"),
+    Picture("palm", "A palm (picture 4)"),
+    Picture("flower", "A flower (picture 5)"),
+    Picture("conifer", "A conifer (picture 6)"),
+    Picture("fig5a", "The tree of fig 5a (picture 7)"),
+    Picture("plant", "A stochastic plant (picture 8)"),
+    Picture("sea", "Terrain and a sea (picture 9)"),
+    Picture("terrain", "An island"),
+    Picture("menger", "The Menger sponge"),
+    Picture("dawn", "A forest on an island at dawn"),
+    Picture("zoom", "Near the corner of a Sierpinski tetrahedron of order 40"),
+    Picture("meadow", "A meadow"),
+    Picture("flock", "A flock of birds"),
+    Picture("wind", "An autumn tree in the wind"),
+)
+"""What `docs/gallery.md` shows, in its order."""
+
+
+def folder() -> Path:
+    """Return where the grammars are: beside the package, or in it once it is installed."""
+    package = Path(__file__).resolve().parents[1]
+    for place in (package / "grammars", package.parent / "grammars"):
+        if (place / "tree.pcsg").exists():
+            return place
+    raise EnvironmentFault("the grammars of the gallery are not installed with this pcsg")
+
+
+def run(names: Sequence[str], render: bool, output: Path, options: Sequence[str]) -> None:
+    """List the gallery, or make its pictures, each in a process of its own.
+
+    Parameters
+    ----------
+    names
+        Which pictures; all if empty.
+    options
+        Further options of ``pcsg render``.
+    """
+    known = {picture.name: picture for picture in PICTURES}
+    for name in names:
+        if name not in known:
+            hint = suggest(name, known)
+            raise UsageError(f"the gallery has no picture `{name}`" + (f"; {hint}" if hint else ""))
+    chosen = [known[name] for name in names] or list(PICTURES)
+    place = folder()
+    if not render:
+        width = max(len(picture.name) for picture in chosen)
+        for picture in chosen:
+            typer.echo(f"{picture.name:{width}}  {picture.title}")
+        typer.echo(f"\nThe grammars are in {place}; `pcsg gallery --render tree` makes a picture.")
+        return
+    if not output.is_dir():
+        raise UsageError(f"there is no folder {output}")
+    for picture in chosen:
+        path = output / f"{picture.name}.png"
+        began = time.perf_counter()
+        command = [sys.executable, "-m", "pcsg", "render", str(place / f"{picture.name}.pcsg")]
+        command += ["-o", str(path), "--json", "-q", *picture.options, *options]
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+        if done.returncode != 0:
+            raise EnvironmentFault(f"{picture.name} was not made: status {done.returncode}")
+        told = json.loads(done.stdout)
+        say(
+            f"{path}: {time.perf_counter() - began:.0f} s, {told['rays'] / 1e6:.3g} million rays,"
+            f" {told['rays_per_second'] / 1e6:.2g} million/s, {told['memory'] / 1e6:.0f} MB"
+        )
+
+
+STARTER = """\
+// NAME.pcsg. Make a picture:   pcsg render NAME.pcsg
+// Other values, by chance, growing:   -D n=5   --seed 3   pcsg animate NAME.pcsg -D n=1..8
+
+// The axiom: parameters in braces, then what is drawn.
+{   n = 8;               // how often a limb forks
+    angle = 32;          // how far its two parts bend to the sides, in degrees
+} LIMB
+
+// A module: its selection function says by number which rule is taken.
+LIMB if(n > 0, 2, 1)
+1: LIMB -> leaf
+2: LIMB -> wood | move(0, 0, 1) {n = n-1} rotz(80 + 40*rand(n, SEED)) (
+       rotx(angle) uscale(0.78) LIMB             // | is union, & intersection, \\ difference
+     | rotx(-0.8*angle) uscale(0.82) LIMB )
+
+// Names for solids. Transformations act on what stands behind them.
+wood = material(bark) (scale(0.1, 0.1, 1) cone(0.8) | move(0, 0, 1) uscale(0.08) sphere)
+leaf = material(green) color(0.25 + 0.2*rand(n), 0.5, 0.05)
+       move(0, 0, 0.4) scale(0.25, 0.06, 0.5) sphere
+
+// All from here is optional: without it there are an automatic camera and light.
+material bark { color = (0.22, 0.15, 0.10); roughness = 1 }
+material green { roughness = 0.5; translucency = 0.4 }
+material grass { color = (0.20, 0.25, 0.08); roughness = 1; specular = 0 }
+ground { z = 0; material = grass }
+sun { direction = (-0.8, -0.4, 0.7); color = (1, 0.9, 0.75); strength = 4 }
+"""
+"""A grammar to begin with."""
+
+
+def start(name: str) -> None:
+    """Write a commented grammar to begin with.
+
+    Raises
+    ------
+    UsageError
+        The name is none for a file, or the file is there.
+    """
+    path = Path(name if name.endswith(".pcsg") else name + ".pcsg")
+    if path.exists():
+        raise UsageError(f"{path} is there already; it is left as it is")
+    from pcsg.render.files import check_output, write_whole
+
+    check_output(path, (".pcsg",))
+    text = STARTER.replace("NAME", path.stem).replace("\\\\\\\\", "\\\\")
+    write_whole(path, lambda file: file.write(text.encode()))
+    say(f"{path} is written; `pcsg render {path}` makes its picture")
