@@ -148,7 +148,7 @@ def start(name: str) -> None:
     path = Path(name if name.endswith(".pcsg") else name + ".pcsg")
     if path.exists():
         raise UsageError(f"{path} is there already; it is left as it is")
-    from pcsg.render.files import check_output, write_whole
+    from pcsg.outputs import check_output, write_whole
 
     check_output(path, (".pcsg",))
     text = STARTER.replace("NAME", path.stem).replace("\\\\\\\\", "\\\\")

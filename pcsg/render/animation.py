@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from pcsg.errors import EnvironmentFault, UsageError
-from pcsg.render.files import write_by_name, write_whole
+from pcsg.outputs import write_by_name, write_whole
 
 ENDINGS = (".webp", ".gif", ".png", ".mp4")
 
