@@ -30,7 +30,9 @@ from pcsg.jit import plain
 from pcsg.leaf.blob import BlobSource
 
 FIELD_PRIMITIVES = {
-    name: len(kind.parameters) for name, kind in SKELETONS.items() if name != "polygon"
+    name: len(kind.parameters)
+    for name, kind in SKELETONS.items()
+    if name not in ("polygon", "quartic", "cauchy")
 } | {"convolution": 3}
 """Primitives of fields, with the number of their arguments."""
 

@@ -51,6 +51,12 @@ def make_lazy(
     )
 
 
+def make_any_states(graph: Graph, values: Mapping[str, float] = GLOBALS) -> Tracer:
+    """Return the engine of states, with lazy ones where they are too many."""
+    states = enumerate_states(graph, values)
+    return make_states(graph, values) if states.finite else make_lazy(graph, values)
+
+
 ENGINES: dict[str, Make] = {"cyclic": Walker, "states": make_states}
 
 LIMITS = (0.0, math.inf)
