@@ -81,7 +81,7 @@ def _crossed_boxes() -> str:
             )
         return " | ".join(boxes)
 
-    return f"({union()}) & ({union()})\n"
+    return f"{{}} ({union()}) & ({union()})\n"
 
 
 SCENES: dict[str, Subjected] = {

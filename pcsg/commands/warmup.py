@@ -10,6 +10,14 @@ import typer
 
 _GRAMMAR = "sphere \\ uscale(0.5) box"
 
+_MANY = """
+{n = 12; s = SEED} M
+M 1 + (n > 0)
+1: M -> sphere
+2: M -> {n = n-1} uscale(0.5) ({s = rand(s,1)} move(s,0,1) M | {s = rand(s,2)} move(0,s,-1) M)
+"""
+"""A grammar whose states are too many to be unrolled."""
+
 
 def _kernels() -> Iterator[tuple[str, Callable[[], object]]]:
     """Yield what every entry is for, and what makes it compile."""
@@ -19,10 +27,13 @@ def _kernels() -> Iterator[tuple[str, Callable[[], object]]]:
     from pcsg.render.textures import evaluate
 
     states = pcsg.loads(_GRAMMAR, engine="states", threads=1)
+    many = pcsg.loads(_MANY, threads=1)
     walked = pcsg.loads(_GRAMMAR, engine="cyclic", threads=1)
     rays = np.array([(0.0, 0.0, -5.0)]), np.array([(0.0, 0.0, 1.0)])
     yield "rays through states", lambda: states.intersect(*rays)
     yield "surface coordinates", lambda: states.intersect(*rays).uv
+    yield "pictures", lambda: pcsg.render(states, size=(8, 8), samples=2)
+    yield "states on demand", lambda: pcsg.render(many, size=(8, 8), samples=1)
     yield "rays through the graph itself", lambda: walked.intersect(*rays)
     yield "textures", lambda: evaluate(np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros(1))
 
