@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pcsg.errors import GrammarError, UsageError
+from pcsg.graph.binding import make_recipes
 from pcsg.graph.bounds import HyperBoxes, hyper_boxes
 from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, unit
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.nodes import Combinable, Leaf, as_node
-from pcsg.graph.recipes import NoRecipe, Recipes, make_recipes
+from pcsg.graph.recipes import NoRecipe, Recipes
 from pcsg.graph.states import StateGraph, enumerate_states
 from pcsg.graph.stats import graph_stats
 from pcsg.graph.text import to_pcsg

@@ -104,9 +104,3 @@ def meet_block_at(
         entries,
     )
     return met
-
-
-@njit(inline=True)
-def wide(x: int) -> int:
-    """Return an integer with 64 bits, wherever it comes from."""
-    return np.int64(x)  # type: ignore[return-value]  # to numba it is an int

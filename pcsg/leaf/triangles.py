@@ -16,11 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.leaf.bvh import BLOCK_SIZE
 from pcsg.leaf.registry import ALL, ANY, OVERFLOW, Array, Pool
 from pcsg.simd import WIDTH, count_trailing_zeros, local_doubles, local_integers
-from pcsg.slabs import make_slabs, meet_block_at, wide
+from pcsg.slabs import make_slabs, meet_block_at
 from pcsg.vec import Ray, Vec3
 
 # The head of a mesh in the pool: integers, then numbers.

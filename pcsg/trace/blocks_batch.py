@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE
+from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_normal
 from pcsg.leaf.registry import Pool
 from pcsg.trace.coverage import Footprint, stored_normal
 from pcsg.trace.ends import CUT
 from pcsg.trace.found import Found
-from pcsg.trace.indices import wide
 from pcsg.trace.kernel import Cut, Extent, find_exit, find_first
 from pcsg.trace.small import ENTRY, HEADER
 from pcsg.trace.traversal import HIT, HIT_PATH, INSIDE, SLOT, Scratch, T, Trees

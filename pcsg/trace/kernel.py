@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.indices import place, wide
 from pcsg.jit import njit
 from pcsg.leaf.registry import ANY, OVERFLOW, Pool
 from pcsg.trace.coverage import Coverage, draw_hit
@@ -30,7 +31,6 @@ from pcsg.trace.ends import (
     world_size,
 )
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
-from pcsg.trace.indices import place, wide
 from pcsg.trace.merge import tolerance
 from pcsg.trace.question import ask, is_subtracted, settle_exit
 from pcsg.trace.simd import WIDTH, stay_apart

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE
+from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.leaf.registry import Pool
-from pcsg.slabs import wide
 from pcsg.trace.coverage import Coverage, Footprint, stored_normal
 from pcsg.trace.ends import CUT
 from pcsg.trace.lazy_kernel import LazyCut, LazyScratch, find_first_lazy

@@ -16,11 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, ANY, Pool
 from pcsg.simd import WIDTH, count_trailing_zeros
-from pcsg.slabs import Slabs, make_slabs, meet_block, wide
+from pcsg.slabs import Slabs, make_slabs, meet_block
 from pcsg.trace.coverage import Coverage, draw_hit
 from pcsg.trace.ends import (
     CUT,

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE
+from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.leaf.registry import ALL, OVERFLOW, Pool
 from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
-from pcsg.trace.indices import wide
 from pcsg.trace.merge import tolerance
 from pcsg.trace.simd import WIDTH
 from pcsg.trace.traversal import (

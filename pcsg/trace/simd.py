@@ -48,15 +48,6 @@ def _smallest(builder: Any, a: Any, b: Any) -> Any:
     return builder.select(builder.fcmp_ordered("<", a, b), a, b)
 
 
-def _count_trailing_zeros(typing: Any, x: Any) -> Any:
-    """Return the number of the lowest set bit of a uint64 that is not zero."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
-
-    return types.uint64(types.uint64), generate
-
-
 def _meet_boxes(
     typing: Any,
     boxes: Any,
@@ -235,7 +226,6 @@ def _stay_apart(typing: Any) -> Any:
     return types.void(), generate
 
 
-count_trailing_zeros: Any = intrinsic(_count_trailing_zeros)
 prepare_ray: Any = intrinsic(_prepare_ray)
 meet_boxes: Any = intrinsic(_meet_boxes)
 stay_apart: Any = intrinsic(_stay_apart)

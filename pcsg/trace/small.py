@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from pcsg.graph.code import compose_affine
 from pcsg.graph.operators import DIFFERENCE, UNION
+from pcsg.indices import place, wide
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, Pool
 from pcsg.trace.groups import INSTANCE, LEAF, Groups
-from pcsg.trace.indices import place, wide
 from pcsg.trace.merge import TABLES, tolerance, truth
 from pcsg.trace.simd import stay_apart
 from pcsg.vec import IDENTITY, Affine, Ray, load_affine, transform_ray

@@ -13,13 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.indices import place, wide
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import Pool
+from pcsg.simd import count_trailing_zeros
 from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import LEAF, SMALL
-from pcsg.trace.indices import place, wide
-from pcsg.trace.simd import WIDTH, count_trailing_zeros, meet_boxes, prepare_ray
+from pcsg.trace.simd import WIDTH, meet_boxes, prepare_ray
 from pcsg.trace.small import ENTRY, HEADER, small_crossings
 from pcsg.vec import Ray, load_affine, transform_ray
 

@@ -12,8 +12,8 @@ import oracle
 import strategies as cases
 from oracle import Event
 
+from pcsg.graph.binding import make_recipes
 from pcsg.graph.graph import GLOBALS, Graph
-from pcsg.graph.recipes import make_recipes
 from pcsg.graph.states import enumerate_states
 from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.store import BLOCK_MEMORY

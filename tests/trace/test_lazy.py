@@ -17,9 +17,10 @@ from hypothesis import strategies as st
 
 from pcsg.errors import EvaluationFault, UsageError
 from pcsg.grammar import load_file, load_text
-from pcsg.graph import recipes as recipes_module
+from pcsg.graph import binding
+from pcsg.graph.binding import make_recipes
 from pcsg.graph.graph import Graph
-from pcsg.graph.recipes import EntryPart, NoRecipe, make_recipes
+from pcsg.graph.recipes import EntryPart, NoRecipe
 from pcsg.graph.sides import entry_sides
 from pcsg.scene import Scene
 from pcsg.trace.coverage import Footprint
@@ -59,16 +60,16 @@ def test_grammars(data: st.DataObject) -> None:
     graph = data.draw(cases.graphs(world=False, unions=True))
     assume(len(oracle.leaves(graph)) <= 150)
     rays = data.draw(cases.many_rays(graph))
-    is_static = recipes_module._Maker._is_static
+    is_static = binding._Maker._is_static
     if data.draw(st.booleans(), "everything by recipes"):
-        recipes_module._Maker._is_static = lambda *_: False  # type: ignore[method-assign]
+        binding._Maker._is_static = lambda *_: False  # type: ignore[method-assign]
     try:
         tracer = make_lazy(graph, block_memory=data.draw(st.sampled_from([0, 10_000, 1 << 20])))
     except NoRecipe as reason:
         event(str(reason))
         return
     finally:
-        recipes_module._Maker._is_static = is_static  # type: ignore[method-assign]
+        binding._Maker._is_static = is_static  # type: ignore[method-assign]
     judge = Judge(tracer, graph)
     found = cast(tracer, rays)
     blocked = tracer.occluded([o for o, _ in rays], [d for _, d in rays])
