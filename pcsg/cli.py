@@ -365,6 +365,12 @@ def mesh(
         Path | None,
         typer.Option("-o", "--output", metavar="OUT", help="Mesh (.obj .ply .glb .usda .usd)."),
     ] = None,
+    method: Annotated[
+        str, typer.Option(help="quads about a tree's limbs, or contour: triangles of any solid.")
+    ] = "quads",
+    resolution: Annotated[
+        int, typer.Option(metavar="CELLS", help="Of a contour, along the longest side.")
+    ] = 64,
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Measures of the mesh (.json).")
     ] = None,
@@ -425,6 +431,8 @@ def mesh(
             foot=foot,
             quiet=quiet,
             json=json,
+            method=method,
+            resolution=resolution,
         ),
     )
 

@@ -19,7 +19,7 @@ FLOORS: list[set[str]] = [
     {"leaf"},
     {"graph", "growth", "treemesh"},
     {"grammar", "trace"},
-    {"render"},
+    {"render", "contouring"},
     {"scene"},
     {"cli", "commands", "__main__"},
 ]

@@ -15,11 +15,13 @@ from pcsg.commands.scenes import open_scene
 from pcsg.errors import UsageError
 
 if TYPE_CHECKING:
+    from pcsg.scene import Scene
     from pcsg.treemesh.skeleton import Skeleton
     from pcsg.treemesh.surface import QuadMesh
 
 MESHES = (".obj", ".ply", ".stl", ".glb")
 GRAMMARS = (".pcsg",)
+SCENES = (".pcsg", ".lsys")
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,8 @@ class Output:
         Bring the surface back to the original mesh.
     foot
         Let the trunk begin one radius lower.
+    method
+        ``quads``, or ``contour`` for triangles of any solid, of so many cells.
     """
 
     file: Path | None
@@ -88,6 +92,8 @@ class Output:
     foot: bool
     quiet: bool
     json: bool
+    method: str = "quads"
+    resolution: int = 64
 
 
 def run_mesh(given: Input, wanted: Output) -> None:
@@ -100,6 +106,11 @@ def run_mesh(given: Input, wanted: Output) -> None:
     from pcsg.treemesh.pruning import extend_foot
 
     file = wanted.file or Path(given.file.stem + ".obj")
+    if wanted.method == "contour":
+        _write_contour(given, wanted, file)
+        return
+    if wanted.method != "quads":
+        raise UsageError(f"--method takes quads or contour, not `{wanted.method}`")
     check_output(file, tuple(WRITERS))
     if wanted.report is not None:
         check_output(wanted.report, (".json",))
@@ -127,6 +138,23 @@ def run_mesh(given: Input, wanted: Output) -> None:
         write_whole(wanted.report, lambda out: out.write(text.encode()))
         files.append(wanted.report)
     _tell(surf, files, notes, wanted)
+
+
+def _write_contour(given: Input, wanted: Output, file: Path) -> None:
+    """Write the surface of a scene as triangles."""
+    from pcsg.contouring import contour, write_triangles
+    from pcsg.outputs import check_output, write_whole
+
+    check_output(file, (".obj",))
+    if given.file.suffix.lower() not in SCENES:
+        raise UsageError(f"--method contour takes a scene ({', '.join(SCENES)})")
+    vertices, faces = contour(_open(given), wanted.resolution)
+    write_whole(file, lambda out: out.write(write_triangles(vertices, faces)))
+    if wanted.json:
+        counts = {"files": [str(file)], "vertices": len(vertices), "triangles": len(faces)}
+        typer.echo(json.dumps(counts))
+    elif not wanted.quiet:
+        say(f"{file}: {len(vertices):,} vertices, {len(faces):,} triangles")
 
 
 def run_skeleton(given: Input, file: Path | None, quiet: bool, as_json: bool) -> None:
@@ -186,15 +214,7 @@ def _read(given: Input) -> tuple[Skeleton, list[str]]:
         found = extract(given.file, largest_only=given.largest_only, reach=given.reach)
         return found.skeleton, list(found.notes)
     if ending in GRAMMARS:
-        scene = open_scene(
-            given.file,
-            given.assignments,
-            given.seed,
-            given.time,
-            given.include,
-            given.max_memory,
-        )
-        limbs = scene.limbs()
+        limbs = _open(given).limbs()
         return limbs.skeleton, list(limbs.notes)
     known = ", ".join((*MESHES, *SKELETON_ENDINGS, *GRAMMARS))
     raise UsageError(f"{given.file}: the name must end in one of {known}")
@@ -222,3 +242,15 @@ def _tell(surf: QuadMesh, files: Sequence[Path], notes: Sequence[str], wanted: O
 def _list(notes: Sequence[str]) -> None:
     for note in notes:
         say(f"  {note}")
+
+
+def _open(given: Input) -> Scene:
+    """Return the scene of a grammar."""
+    return open_scene(
+        given.file,
+        given.assignments,
+        given.seed,
+        given.time,
+        given.include,
+        given.max_memory,
+    )
