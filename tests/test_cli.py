@@ -6,6 +6,7 @@ import sys
 import time
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from pcsg.cli import app
@@ -269,3 +270,14 @@ def test_a_profile_tells_what_rays_visit(run):
     assert "rays; on average a ray visits" in result.output and "blocks" in result.output
     walked = run("render", "ball.pcsg", "--size", "16x16", "--profile", "--engine", "cyclic")
     assert "keeps no profile" in walked.output
+
+
+def test_a_package_that_is_missing_is_named_with_its_extra(capsys):
+    @guarding.guard
+    def verb():
+        raise ModuleNotFoundError("No module named 'scipy'", name="scipy.sparse")
+
+    with pytest.raises(typer.Exit) as ended:
+        verb()
+    assert ended.value.exit_code == 1
+    assert "this needs SciPy: pip install 'pcsg[mesh]'" in capsys.readouterr().err

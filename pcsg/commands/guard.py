@@ -23,6 +23,14 @@ TRACEBACK = "PCSG_TRACEBACK"
 """Environment variable that lets errors through with their traceback, for developers."""
 
 
+EXTRAS = {
+    "scipy": ("SciPy", "mesh"),
+    "skimage": ("scikit-image", "mesh"),
+    "OpenEXR": ("OpenEXR", "exr"),
+}
+"""Packages that only some verbs need: what they are called, and the extra that brings them."""
+
+
 def guard(verb: Callable[P, None]) -> Callable[P, None]:
     """Let a verb end with a message and an exit status whatever happens."""
 
@@ -60,6 +68,10 @@ def _tell(error: BaseException) -> int:
     if isinstance(error, OSError):
         place = f"{error.filename}: " if error.filename else ""
         say(f"error: {place}{error.strerror or error}")
+        return 1
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in EXTRAS:
+        package, extra = EXTRAS[(error.name or "").split(".")[0]]
+        say(f"error: this needs {package}: pip install 'pcsg[{extra}]'")
         return 1
     if isinstance(error, RecursionError):
         say("error: the input is nested too deeply")
