@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -38,11 +39,11 @@ RUN, PLACE_CONSTANT, PLACE_TRANSFORM = range(3)
 # Kinds of parts.
 ENTRY, FIXTURE, PRIMITIVE = range(3)
 
-ENTRY_FIELDS, RECIPE_FIELDS, STEP_FIELDS, PART_FIELDS = 6, 5, 6, 10
+ENTRY_FIELDS, RECIPE_FIELDS, STEP_FIELDS, PART_FIELDS = 6, 4, 6, 12
 E_SIDES, E_STAND_IN = 4, 5
-R_STEPS, R_LOOKS, R_END, R_PARTS, R_PARTS_END = range(RECIPE_FIELDS)
-P_KIND, P_TARGET, P_MATRIX, P_VALUES, P_COUNT, P_LOOKS, P_N_LOOKS = range(7)
-P_SHAPE, P_SHAPE_AT, P_SOLID = range(7, PART_FIELDS)
+R_STEPS, R_STEPS_END, R_PARTS, R_PARTS_END = range(RECIPE_FIELDS)
+P_KIND, P_TARGET, P_MATRIX, P_VALUES, P_COUNT, P_SHAPE, P_SHAPE_AT, P_SOLID = range(8)
+P_STEPS, P_STEPS_END, P_LOOKS, P_N_LOOKS = range(8, PART_FIELDS)
 
 
 class Rulebook(NamedTuple):
@@ -56,16 +57,17 @@ class Rulebook(NamedTuple):
         none).
     rules : int32
         Recipe of every rule, -1 where there is none; number 0 comes first.
-    recipes : int32 (5 R,)
-        First step, first step that only attributes need, end of the steps; first part, end of the
-        parts.
+    recipes : int32 (4 R,)
+        First step, end of the steps, first part, end of the parts.
     steps : int32 (6 S,)
         Operation, result, source, constant matrix or kind of transformation or code, offset of the
         arguments in `sources` and their number.
-    parts : int32 (10 P,)
+    parts : int32 (12 P,)
         Kind; entry, first block of a fixture or leaf node; matrix (-1 - k for a constant one);
-        offset in `sources` and number of the values, and of the attributes; kind and offset of the
-        bounding shape; ``2 kind + sheet`` of a primitive. The last part is the axiom.
+        offset of the values in `sources` and their number; kind and offset of the bounding shape;
+        ``2 kind + sheet`` of a primitive; first step and end of the steps that follow those of the
+        recipe for the attributes, offset of these in `sources` and their number. The last part is
+        the axiom.
     sources : int32
         A register, or -1 - k for a constant.
     constants : float64
@@ -189,20 +191,21 @@ class _Writer:
         )
 
     def _write_recipe(self, recipe: Recipe) -> None:
-        begin = len(self.steps) // STEP_FIELDS
-        shaping = _find_shaping(recipe)
-        self._write_steps([s for s, shapes in zip(recipe.steps, shaping, strict=True) if shapes])
-        looks = len(self.steps) // STEP_FIELDS
-        self._write_steps(
-            [s for s, shapes in zip(recipe.steps, shaping, strict=True) if not shapes]
-        )
-        end = len(self.steps) // STEP_FIELDS
-        first = len(self.parts) // PART_FIELDS
+        shaping = _find_needed(recipe, recipe.parts, _values)
+        steps = self._write_steps(compress(recipe.steps, shaping))
+        looks = []
         for part in recipe.parts:
-            self._write_part(part)
-        self.of_recipes += [begin, looks, end, first, len(self.parts) // PART_FIELDS]
+            needed = _find_needed(recipe, [part], _looks)
+            own = (n and not shapes for n, shapes in zip(needed, shaping, strict=True))
+            looks.append(self._write_steps(compress(recipe.steps, own)))
+        first = len(self.parts) // PART_FIELDS
+        for part, own_steps in zip(recipe.parts, looks, strict=True):
+            self._write_part(part, own_steps)
+        self.of_recipes += [*steps, first, len(self.parts) // PART_FIELDS]
 
-    def _write_steps(self, steps: Sequence[Assign | Place]) -> None:
+    def _write_steps(self, steps: Iterable[Assign | Place]) -> tuple[int, int]:
+        """Write steps and return where they begin and end."""
+        begin = len(self.steps) // STEP_FIELDS
         pending: list[Assign] = []
         for step in steps:
             if isinstance(step, Assign):
@@ -212,6 +215,7 @@ class _Writer:
             pending = []
             self._write_place(step)
         self._write_code(pending)
+        return begin, len(self.steps) // STEP_FIELDS
 
     def _write_code(self, steps: list[Assign]) -> None:
         if steps:
@@ -228,7 +232,7 @@ class _Writer:
             kind, n = step.transform.kind, len(step.args)
             self.steps += [PLACE_TRANSFORM, step.matrix, step.source, kind, at, n]
 
-    def _write_part(self, part: Part) -> None:
+    def _write_part(self, part: Part, steps: tuple[int, int] = (0, 0)) -> None:
         matrix = -1 - self._map(part.matrix) if isinstance(part.matrix, Affine) else part.matrix
         solid = 0
         if isinstance(part, EntryPart):
@@ -242,7 +246,7 @@ class _Writer:
             solid, shape, at = self._write_leaf(part)
         values, looks = _values(part), _looks(part)
         self.parts += [kind, target, matrix, self._write_sources(values), len(values)]
-        self.parts += [self._write_sources(looks), len(looks), shape, at, solid]
+        self.parts += [shape, at, solid, *steps, self._write_sources(looks), len(looks)]
 
     def _write_leaf(self, part: LeafPart) -> tuple[int, int, int]:
         """Return the code of a primitive's solid, and its bounding shape."""
@@ -306,27 +310,24 @@ def _looks(part: Part) -> tuple[Expr, ...]:
     return () if isinstance(part, EntryPart) else part.attributes
 
 
-def _find_shaping(recipe: Recipe) -> list[bool]:
-    """Return for each step whether the parts' matrices or values depend on it."""
-    needed: set[str] = set()
-    matrices: set[int] = set()
-    for part in recipe.parts:
-        needed |= parameters_of(*_values(part))
-        if isinstance(part.matrix, int):
-            matrices.add(part.matrix)
-    shaping = []
+def _find_needed(
+    recipe: Recipe, parts: Sequence[Part], of: Callable[[Part], tuple[Expr, ...]]
+) -> list[bool]:
+    """Return for each step whether what is told of parts, or their matrices, depend on it."""
+    needed = {name for part in parts for name in parameters_of(*of(part))}
+    matrices = {part.matrix for part in parts if isinstance(part.matrix, int)}
+    found = []
     for step in reversed(recipe.steps):
         if isinstance(step, Place):
-            shapes = step.matrix in matrices
-            if shapes:
+            found.append(step.matrix in matrices)
+            if found[-1]:
                 matrices.add(step.source)
                 needed |= parameters_of(*step.args)
         else:
-            shapes = register(step.register).name in needed
-            if shapes:
+            found.append(register(step.register).name in needed)
+            if found[-1]:
                 needed |= parameters_of(step.expr)
-        shaping.append(shapes)
-    return shaping[::-1]
+    return found[::-1]
 
 
 def _ball_of(box: Bounds) -> tuple[tuple[float, float, float], float]:

@@ -35,16 +35,17 @@ from pcsg.trace.rulebook import (
     P_N_LOOKS,
     P_SHAPE,
     P_SHAPE_AT,
+    P_STEPS,
+    P_STEPS_END,
     P_TARGET,
     P_VALUES,
     PART_FIELDS,
     PLACE_CONSTANT,
     PRIMITIVE,
-    R_END,
-    R_LOOKS,
     R_PARTS,
     R_PARTS_END,
     R_STEPS,
+    R_STEPS_END,
     RECIPE_FIELDS,
     RUN,
     STEP_FIELDS,
@@ -221,7 +222,8 @@ def make_parts(
     if recipe == FAULT:
         return FAULT
     recipe *= RECIPE_FIELDS
-    if _run_steps(book, work, book.recipes[recipe + R_STEPS], book.recipes[recipe + R_LOOKS]) != OK:
+    begin, end = book.recipes[recipe + R_STEPS], book.recipes[recipe + R_STEPS_END]
+    if _run_steps(book, work, begin, end) != OK:
         return FAULT
     n = 0
     for part in range(book.recipes[recipe + R_PARTS], book.recipes[recipe + R_PARTS_END]):
@@ -330,9 +332,12 @@ def make_looks(lazy: Lazy, item: int, recipe: int, part: int) -> int:
     if recipe < 0:
         recipe = choose_recipe(book, work, entry)
     recipe *= RECIPE_FIELDS
-    if _run_steps(book, work, book.recipes[recipe + R_STEPS], book.recipes[recipe + R_END]) != OK:
+    begin, end = book.recipes[recipe + R_STEPS], book.recipes[recipe + R_STEPS_END]
+    if _run_steps(book, work, begin, end) != OK:
         return FAULT
     p = PART_FIELDS * part
+    if _run_steps(book, work, book.parts[p + P_STEPS], book.parts[p + P_STEPS_END]) != OK:
+        return FAULT
     for k in range(book.parts[p + P_N_LOOKS]):
         source = book.sources[book.parts[p + P_LOOKS] + k]
         work.looks[k] = work.registers[source] if source >= 0 else book.constants[-1 - source]
