@@ -296,13 +296,13 @@ class Flattener:
             for part in parts:
                 self.boxes.update(find_boxes(part))
             self._keep.extend(parts)
-            whole = Combination(BLENDS["sum"], tuple(parts))
+            whole = Combination(BLENDS[node.blend], tuple(parts))
             self._keep.append(whole)
             todo.append((whole, at))
             return
         parent = at.parent
-        if self.operators[parent][2] != BLENDS["sum"].kind:
-            parent = self._open("sum", at.parent, at.slot, (), len(node.start))
+        if self.operators[parent][2] != BLENDS[node.blend].kind:
+            parent = self._open(node.blend, at.parent, at.slot, (), len(node.start))
             todo.append((None, parent))
         scale, matrix = similar[0], at.matrix
         rows = np.empty((len(node.start), 8))
