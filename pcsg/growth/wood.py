@@ -9,11 +9,12 @@ need be joined to others while a tree grows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.blobtree.boxes import along_curve
 from pcsg.blobtree.fields import REACH
 from pcsg.blobtree.nodes import Cones, Field, joint, paint, place, point, total, weight
 from pcsg.growth.curves import smooth_step
@@ -165,11 +166,7 @@ def wood_field(state: State, finest: float = 0.004) -> Field:
     pieces = find_pieces(state)
     first = np.flatnonzero(np.diff(pieces.branch, prepend=-1))
     last = np.append(first[1:], len(pieces))
-    radius = np.zeros(len(state.branches.length))
-    radius[pieces.branch[first]] = pieces.base[first]
-    parts: list[Field] = []
-    for i, j in zip(first.tolist(), last.tolist(), strict=True):
-        parts.append(pieces.cones(np.arange(i, j)))
+    parts: list[Field] = [_branches(pieces, first, last)]
     relief = find_relief(state, finest)
     parts += _scars(state)
     base = total(*parts) if len(parts) > 1 else parts[0]
@@ -179,6 +176,16 @@ def wood_field(state: State, finest: float = 0.004) -> Field:
     if known:
         base = joint(base, *(j for j, _ in known), united=[u for _, u in known])
     return paint(base, **_rgb(bark.old))
+
+
+def _branches(p: Pieces, first: Ints, last: Ints) -> Cones:
+    """Return the sum of all branches, near ones beside each other."""
+    middle = 0.5 * (p.start[first] + p.end[last - 1])
+    order = along_curve(middle)
+    count = (last - first)[order]
+    groups = np.cumsum(count) - count
+    rows = np.arange(len(p)) - np.repeat(groups, count) + np.repeat(first[order], count)
+    return replace(p.cones(rows), groups=groups)
 
 
 def _junction(
