@@ -114,7 +114,7 @@ class Ends(NamedTuple):
 
     Attributes
     ----------
-    of_place : int32
+    of_place : int32 (R,)
         Which of them an instance or an entry has; negative for none.
     """
 

@@ -1,8 +1,9 @@
 """Where recursion ends: how large a state looks to a ray, in units of its footprint.
 
 A state ends recursion where the diameter of its box, in the world, is less than the width of the
-ray at the place nearest to the middle of the box. Boxes are known in the frame above the state;
-what the world's lengths are there is followed along with the ray, level by level.
+ray at the place nearest to the middle of the box, or, which differs by less than that, where it
+enters the box. Boxes are known in the frame above the state; what the world's lengths are there is
+followed along with the ray, level by level.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.indices import place
 from pcsg.jit import njit
 from pcsg.vec import Affine, Ray
 
@@ -27,6 +29,9 @@ CUT = -2_000_000
 LEVEL, DRAWN = 13, 12
 """Numbers for every level: the linear part of local_from_world, one over the squares of the lengths
 of its rows, and which part of [0, 1) has been drawn from, see `coverage`."""
+
+
+_ONE, _TWO = np.uint64(1), np.uint64(2)
 
 
 @njit
@@ -64,6 +69,21 @@ def world_size(linear: NDArray[np.float64], level: int, box: NDArray[np.float64]
     at = LEVEL * level + 9
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return math.sqrt(x * x * linear[at] + y * y * linear[at + 1] + z * z * linear[at + 2])
+
+
+@njit(inline=True)
+def squared_size(
+    linear: NDArray[np.float64], level: int, sizes: NDArray[np.float64], index: int
+) -> float:
+    """Return the square of `world_size` by the squares of a box's sides, ``sizes[3 index:]``."""
+    at = place(LEVEL * level + 9)
+    side = place(3 * index)
+    squared: float = (
+        sizes[side] * linear[at]
+        + sizes[side + _ONE] * linear[at + _ONE]
+        + sizes[side + _TWO] * linear[at + _TWO]
+    )
+    return squared
 
 
 @njit(inline=True)
