@@ -145,6 +145,14 @@ class Materials:
         # Leaves with negative numbers, such as the ground, are no sheets.
         self._sheets = np.append(sheets, [False, False])
 
+    def emission(self, numbers: Ints) -> Floats:
+        """Return (N, 3) light that surfaces of materials (N,) send out; -1 is the default."""
+        return np.asarray(self._columns["emission"][numbers])
+
+    def strengths(self) -> Floats:
+        """Return (M,) how much every material shines, averaged over the colours."""
+        return np.asarray(self._columns["emission"][:-1].mean(axis=1))
+
     def gather(self, hits: Hits, at: Ints, directions: Floats, tracer: Tracer) -> Surface:
         """Return the surfaces of hits.
 
