@@ -11,6 +11,7 @@ from pathlib import Path
 
 from benchmarks import blobs, detail, mesh, modes, operations, pictures, rays, trees
 from benchmarks.report import Effort, Subject, describe_machine, lines_of
+from benchmarks.results import merge
 
 SUBJECTS: tuple[Subject, ...] = (
     rays.FIRST,
@@ -38,30 +39,29 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser("python -m benchmarks", description="Ours beside peers.")
     names = [subject.name for subject in SUBJECTS]
     parser.add_argument("subjects", nargs="*", metavar="SUBJECT", help=", ".join(names))
-    parser.add_argument("--write", action="store_true", help="keep the tables in RESULTS.md")
+    parser.add_argument("--write", action="store_true", help="put the tables into RESULTS.md")
     parser.add_argument("--tiny", action="store_true", help="small sizes: whether it runs at all")
     options = parser.parse_args(arguments)
     unknown = set(options.subjects) - set(names)
     if unknown:
         parser.error(f"no subject {', '.join(sorted(unknown))}; there are {', '.join(names)}")
     effort = Effort(rays=1024, size=32, repeats=1, tiny=True) if options.tiny else Effort()
-    command = " ".join(["python -m benchmarks", *options.subjects])
-    date = time.strftime("%Y-%m-%d", time.gmtime())
-    lines = [
-        "# Results",
-        "",
-        f"`{command}` of {date}; [what it tells](../docs/engines.md).",
-        "",
-    ]
-    lines += [*describe_machine(), ""]
-    print("\n".join(lines))
+    machine = describe_machine()
+    head = ["# Results", "", "[What they tell](../docs/engines.md).", "", *machine, ""]
+    print("\n".join(head))
+    sections = dict.fromkeys((subject.title for subject in SUBJECTS), "")
     for subject in SUBJECTS:
         if not options.subjects or subject.name in options.subjects:
+            lines = []
             for line in lines_of(subject, effort):
                 lines.append(line)
                 print(line, flush=True)
+            date = time.strftime("%Y-%m-%d", time.gmtime())
+            lines.append(f"`python -m benchmarks {subject.name}`, {date}")
+            sections[subject.title] = "\n".join(lines)
     if options.write:
-        RESULTS.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+        old = RESULTS.read_text(encoding="utf-8") if RESULTS.exists() else ""
+        RESULTS.write_text(merge(old, head, machine[0], sections), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from benchmarks import __main__ as command  # noqa: E402 - not installed with th
 from benchmarks import report  # noqa: E402
 from benchmarks.meshes import expand, solids, terrain  # noqa: E402
 from benchmarks.report import Row, Subject, lines_of  # noqa: E402
+from benchmarks.results import merge  # noqa: E402
 from benchmarks.scenes import SCENES  # noqa: E402
 
 
@@ -48,7 +49,20 @@ def test_results_are_written_with_the_machine(alone, tmp_path, monkeypatch, caps
     command.main(["any", "--tiny", "--write"])
     text = (tmp_path / "RESULTS.md").read_text(encoding="utf-8")
     assert report.processor_name() in text and "Sierpinski 4, random" in text
-    assert text.rstrip() in capsys.readouterr().out
+    table = text[text.index("| what") : text.rindex("|")]
+    assert table in capsys.readouterr().out
+
+
+def test_new_results_take_the_place_of_old_ones_of_the_same_machine():
+    head = ["# Results", "", "- this machine", ""]
+    first = merge("", head, head[2], {"A": "## A\n\n1\n", "B": "", "C": "## C\n\n3\n"})
+    assert first == "# Results\n\n- this machine\n\n## A\n\n1\n\n## C\n\n3\n"
+    second = merge(first, head, head[2], {"A": "", "B": "## B\n\n2", "C": "## C\n\n4"})
+    assert second == first.replace("## C", "## B\n\n2\n\n## C").replace("3", "4")
+    other = ["# Results", "", "- another", ""]
+    assert merge(first, other, other[2], {"A": "", "B": "## B\n\n2", "C": ""}) == (
+        "# Results\n\n- another\n\n## B\n\n2\n"
+    )
 
 
 def test_an_unknown_subject_is_refused(capsys):

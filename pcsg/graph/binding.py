@@ -33,6 +33,7 @@ from pcsg.graph.recipes import (
     Recipes,
     register,
 )
+from pcsg.graph.sharing import share_terms
 from pcsg.graph.states import Start
 from pcsg.graph.transforms import Transform
 from pcsg.jit import plain
@@ -194,6 +195,7 @@ class _Maker:
                 stack.append((self.graph.successors[n][0], scope, -1))
             if len(recipe.parts) > MAX_PARTS:
                 raise NoRecipe("a rule of many parts")
+        share_terms(recipe)
         return recipe
 
     def _below(

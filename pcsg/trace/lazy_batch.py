@@ -18,16 +18,15 @@ from pcsg.trace.rulebook import (
     E_STAND_IN,
     ENTRY_FIELDS,
     FIXTURE,
-    P_COUNT,
     P_KIND,
     P_SOLID,
     P_TARGET,
     PART_FIELDS,
 )
-from pcsg.trace.slots import Lazy, make_stand_in, open_state
+from pcsg.trace.slots import FAULT, Lazy, make_looks, make_stand_in, open_state
 from pcsg.trace.small import ENTRY, HEADER
 from pcsg.trace.surface import Surface, describe_hit
-from pcsg.trace.traversal import HIT, HIT_PATH, SLOT, T, Trees
+from pcsg.trace.traversal import HIT, HIT_PATH, SLOT, UNDECIDED, T, Trees
 from pcsg.vec import (
     IDENTITY,
     Affine,
@@ -54,8 +53,11 @@ def _describe(
     start: int,
     cut: LazyCut | None,
     out: Surface,
-) -> None:
-    """Follow the path to the first hit and work out the surface there."""
+) -> int:
+    """Follow the path to the first hit and work out the surface there; return HIT.
+
+    UNDECIDED is returned where attributes cannot be worked out; the walker tells why.
+    """
     paths = scratch.outer.paths
     book = lazy.book
     shared = len(lazy.store.refs)
@@ -64,7 +66,9 @@ def _describe(
     ray = world
     slot = wide(start) // book.width
     steps = paths[HIT_PATH]
+    item = wide(start)
     for k in range(steps):
+        above, recipe = item, -1
         item = slot * book.width + paths[HIT_PATH + 1 + k]
         slots = lazy.store if item < shared else lazy.cache
         own = item if item < shared else item - shared
@@ -76,11 +80,12 @@ def _describe(
         if last <= CUT:
             if cut is not None:
                 _describe_cut(cut.cover, CUT - last, world, t, m, i, out)
-            return
+            return HIT
         if last < 0:
             # A stand-in: what was made once can be made again.
-            entry = ENTRY_FIELDS * book.parts[part + P_TARGET]
-            item = make_stand_in(lazy, item, book.entries[entry + E_STAND_IN]) - 1 - last
+            recipe = wide(book.entries[ENTRY_FIELDS * book.parts[part + P_TARGET] + E_STAND_IN])
+            above = item
+            item = make_stand_in(lazy, item, recipe) - 1 - last
             slots = lazy.cache
             own = item - shared
             inverse = load_affine(slots.inverses, 12 * own)
@@ -91,9 +96,9 @@ def _describe(
             # What the traversal went through can be made again, so this is never a fault.
             slot = open_state(lazy, item, k + 1)
             continue
+        if make_looks(lazy, above, recipe, part // PART_FIELDS) == FAULT:
+            return UNDECIDED
         if book.parts[part + P_KIND] != FIXTURE:
-            at = book.n_values * own
-            n = out.attributes.shape[1]
             describe_hit(
                 out,
                 i,
@@ -103,18 +108,20 @@ def _describe(
                 book.parts[part + P_SOLID] >> 1,
                 ray,
                 slots.values,
-                at,
+                book.n_values * own,
                 pool,
                 m,
                 0,
-                slots.values,
-                at + book.parts[part + P_COUNT] - n,
+                lazy.work.looks,
+                0,
             )
-            return
+            return HIT
         _describe_fixture(trees, pool, scratch, attributes, world, i, ray, m, out)
         for j in range(out.attributes.shape[1]):
             if math.isnan(out.attributes[i, j]):
-                out.attributes[i, j] = slots.values[book.n_values * own + j]
+                out.attributes[i, j] = lazy.work.looks[j]
+        return HIT
+    return HIT
 
 
 @njit
@@ -238,6 +245,6 @@ def find_batch_lazy(
         if cut is not None:
             width, spread = footprint.width[i], footprint.spread[i]
         result = find_first_lazy(lazy, trees, pool, scratch, start, want, ray, cut, width, spread)
-        found[i] = result
         if result == HIT and describe:
-            _describe(lazy, trees, pool, scratch, attributes, ray, i, start, cut, surface)
+            result = _describe(lazy, trees, pool, scratch, attributes, ray, i, start, cut, surface)
+        found[i] = result

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.code import invert_affine
-from pcsg.graph.expr import Expr, Number, Parameter
+from pcsg.graph.expr import Expr, Number, Parameter, parameters_of
 from pcsg.graph.hulls import Bounds
 from pcsg.graph.nodes import Leaf
 from pcsg.graph.ranges import leaf_extent
@@ -23,6 +24,7 @@ from pcsg.graph.recipes import (
     Place,
     Recipe,
     Recipes,
+    register,
 )
 from pcsg.graph.sides import Sides, entry_sides
 from pcsg.graph.tape import Program
@@ -37,9 +39,11 @@ RUN, PLACE_CONSTANT, PLACE_TRANSFORM = range(3)
 # Kinds of parts.
 ENTRY, FIXTURE, PRIMITIVE = range(3)
 
-ENTRY_FIELDS, RECIPE_FIELDS, STEP_FIELDS, PART_FIELDS = 6, 4, 6, 8
+ENTRY_FIELDS, RECIPE_FIELDS, STEP_FIELDS, PART_FIELDS = 6, 4, 6, 12
 E_SIDES, E_STAND_IN = 4, 5
-P_KIND, P_TARGET, P_MATRIX, P_VALUES, P_COUNT, P_SHAPE, P_SHAPE_AT, P_SOLID = range(PART_FIELDS)
+R_STEPS, R_STEPS_END, R_PARTS, R_PARTS_END = range(RECIPE_FIELDS)
+P_KIND, P_TARGET, P_MATRIX, P_VALUES, P_COUNT, P_SHAPE, P_SHAPE_AT, P_SOLID = range(8)
+P_STEPS, P_STEPS_END, P_LOOKS, P_N_LOOKS = range(8, PART_FIELDS)
 
 
 class Rulebook(NamedTuple):
@@ -58,10 +62,12 @@ class Rulebook(NamedTuple):
     steps : int32 (6 S,)
         Operation, result, source, constant matrix or kind of transformation or code, offset of the
         arguments in `sources` and their number.
-    parts : int32 (8 P,)
+    parts : int32 (12 P,)
         Kind; entry, first block of a fixture or leaf node; matrix (-1 - k for a constant one);
         offset of the values in `sources` and their number; kind and offset of the bounding shape;
-        ``2 kind + sheet`` of a primitive. The last part is the axiom.
+        ``2 kind + sheet`` of a primitive; first step and end of the steps that follow those of the
+        recipe for the attributes, offset of these in `sources` and their number. The last part is
+        the axiom.
     sources : int32
         A register, or -1 - k for a constant.
     constants : float64
@@ -71,9 +77,9 @@ class Rulebook(NamedTuple):
         Bounding shapes, see `bounding`.
     code, code_constants
         See `tape.Program`; the slots are the registers.
-    n_registers, n_matrices, stack_size, width, n_values : int
-        Sizes of working space; parts of the largest recipe, a multiple of four; numbers that a
-        part has at most.
+    n_registers, n_matrices, stack_size, width, n_values, n_looks : int
+        Sizes of working space; parts of the largest recipe, a multiple of four; values and
+        attributes that a part has at most.
     """
 
     entries: NDArray[np.int32]
@@ -92,6 +98,7 @@ class Rulebook(NamedTuple):
     stack_size: int
     width: int
     n_values: int
+    n_looks: int
 
     @property
     def nbytes(self) -> int:
@@ -142,7 +149,7 @@ class _Writer:
         self.sides_at = [self._write_sides(s) for s in self.sides]
 
     def write(self) -> Rulebook:
-        most_parts = most_values = most_matrices = 1
+        most_parts = most_values = most_matrices = most_looks = 1
         for k, entry in enumerate(self.recipes.entries):
             select = -1 if entry.select is None else self.program.add([entry.select])
             largest = max(entry.rules)
@@ -158,7 +165,8 @@ class _Writer:
                 self._write_recipe(recipe)
                 most_parts = max(most_parts, len(recipe.parts))
                 most_matrices = max(most_matrices, recipe.matrices)
-                most_values = max([most_values, *map(_count_values, recipe.parts)])
+                most_values = max([most_values, *(len(_values(p)) for p in recipe.parts)])
+                most_looks = max([most_looks, *(len(_looks(p)) for p in recipe.parts)])
         # The axiom, as a part of a slot of its own.
         self._write_part(EntryPart(IDENTITY, 0, ()))
         code, code_constants = self.program.arrays()
@@ -179,12 +187,27 @@ class _Writer:
             stack_size=max(self.program.stack_size, 16),
             width=-(-most_parts // WIDTH) * WIDTH,
             n_values=most_values,
+            n_looks=most_looks,
         )
 
     def _write_recipe(self, recipe: Recipe) -> None:
+        shaping = _find_needed(recipe, recipe.parts, _values)
+        steps = self._write_steps(compress(recipe.steps, shaping))
+        looks = []
+        for part in recipe.parts:
+            needed = _find_needed(recipe, [part], _looks)
+            own = (n and not shapes for n, shapes in zip(needed, shaping, strict=True))
+            looks.append(self._write_steps(compress(recipe.steps, own)))
+        first = len(self.parts) // PART_FIELDS
+        for part, own_steps in zip(recipe.parts, looks, strict=True):
+            self._write_part(part, own_steps)
+        self.of_recipes += [*steps, first, len(self.parts) // PART_FIELDS]
+
+    def _write_steps(self, steps: Iterable[Assign | Place]) -> tuple[int, int]:
+        """Write steps and return where they begin and end."""
         begin = len(self.steps) // STEP_FIELDS
         pending: list[Assign] = []
-        for step in recipe.steps:
+        for step in steps:
             if isinstance(step, Assign):
                 pending.append(step)
                 continue
@@ -192,11 +215,7 @@ class _Writer:
             pending = []
             self._write_place(step)
         self._write_code(pending)
-        first = len(self.parts) // PART_FIELDS
-        for part in recipe.parts:
-            self._write_part(part)
-        end = len(self.parts) // PART_FIELDS
-        self.of_recipes += [begin, len(self.steps) // STEP_FIELDS, first, end]
+        return begin, len(self.steps) // STEP_FIELDS
 
     def _write_code(self, steps: list[Assign]) -> None:
         if steps:
@@ -213,37 +232,35 @@ class _Writer:
             kind, n = step.transform.kind, len(step.args)
             self.steps += [PLACE_TRANSFORM, step.matrix, step.source, kind, at, n]
 
-    def _write_part(self, part: Part) -> None:
+    def _write_part(self, part: Part, steps: tuple[int, int] = (0, 0)) -> None:
         matrix = -1 - self._map(part.matrix) if isinstance(part.matrix, Affine) else part.matrix
+        solid = 0
         if isinstance(part, EntryPart):
-            at = self._write_sources(part.values)
-            shape = self.sides_at[part.entry]
-            n = len(part.values)
-            self.parts += [ENTRY, part.entry, matrix, at, n, SIDES, shape, 0]
+            kind, target = ENTRY, part.entry
+            shape, at = SIDES, self.sides_at[part.entry]
         elif isinstance(part, FixedPart):
-            block, box, center, radius = self.fixtures[part.fixture]
-            shape = self._write_shape([*box, *center, radius])
-            at, n = self._write_sources(part.attributes), len(part.attributes)
-            self.parts += [FIXTURE, block, matrix, at, n, BALL, shape, 0]
+            target, box, center, radius = self.fixtures[part.fixture]
+            kind, shape, at = FIXTURE, BALL, self._write_shape([*box, *center, radius])
         else:
-            self._write_leaf(part, matrix)
+            kind, target = PRIMITIVE, part.node
+            solid, shape, at = self._write_leaf(part)
+        values, looks = _values(part), _looks(part)
+        self.parts += [kind, target, matrix, self._write_sources(values), len(values)]
+        self.parts += [shape, at, solid, *steps, self._write_sources(looks), len(looks)]
 
-    def _write_leaf(self, part: LeafPart, matrix: int) -> None:
+    def _write_leaf(self, part: LeafPart) -> tuple[int, int, int]:
+        """Return the code of a primitive's solid, and its bounding shape."""
         node = self.recipes.graph.nodes[part.node]
         assert isinstance(node, Leaf)
         solid = node.solid
         _check_arguments(solid, part)
-        at = self._write_sources((*part.args, *part.attributes))
+        code = 2 * solid.kind + solid.sheet
         if solid.corners:
             numbers = [x for corner in solid.corners for x in corner]
-            kind, shape = CORNERS, self._write_shape([float(len(solid.corners)), *numbers])
-        else:
-            extent = leaf_extent(node, list(part.ranges))
-            center, radius = solid.ball or _ball_of(extent.box)
-            kind, shape = BALL, self._write_shape([*extent.box, *center, radius])
-        code = 2 * solid.kind + solid.sheet
-        n = len(part.args) + len(part.attributes)
-        self.parts += [PRIMITIVE, part.node, matrix, at, n, kind, shape, code]
+            return code, CORNERS, self._write_shape([float(len(solid.corners)), *numbers])
+        extent = leaf_extent(node, list(part.ranges))
+        center, radius = solid.ball or _ball_of(extent.box)
+        return code, BALL, self._write_shape([*extent.box, *center, radius])
 
     def _write_sources(self, exprs: Sequence[Expr]) -> int:
         at = len(self.sources)
@@ -281,10 +298,36 @@ class _Writer:
         return self._write_shape(numbers)
 
 
-def _count_values(part: Part) -> int:
+def _values(part: Part) -> tuple[Expr, ...]:
+    """Return what a state's shape needs to know of a part."""
     if isinstance(part, LeafPart):
-        return len(part.args) + len(part.attributes)
-    return len(part.values if isinstance(part, EntryPart) else part.attributes)
+        return part.args
+    return part.values if isinstance(part, EntryPart) else ()
+
+
+def _looks(part: Part) -> tuple[Expr, ...]:
+    """Return the attributes of a part, which only a visible hit needs."""
+    return () if isinstance(part, EntryPart) else part.attributes
+
+
+def _find_needed(
+    recipe: Recipe, parts: Sequence[Part], of: Callable[[Part], tuple[Expr, ...]]
+) -> list[bool]:
+    """Return for each step whether what is told of parts, or their matrices, depend on it."""
+    needed = {name for part in parts for name in parameters_of(*of(part))}
+    matrices = {part.matrix for part in parts if isinstance(part.matrix, int)}
+    found = []
+    for step in reversed(recipe.steps):
+        if isinstance(step, Place):
+            found.append(step.matrix in matrices)
+            if found[-1]:
+                matrices.add(step.source)
+                needed |= parameters_of(*step.args)
+        else:
+            found.append(register(step.register).name in needed)
+            if found[-1]:
+                needed |= parameters_of(step.expr)
+    return found[::-1]
 
 
 def _ball_of(box: Bounds) -> tuple[tuple[float, float, float], float]:

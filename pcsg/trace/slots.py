@@ -30,14 +30,22 @@ from pcsg.trace.rulebook import (
     ENTRY_FIELDS,
     P_COUNT,
     P_KIND,
+    P_LOOKS,
     P_MATRIX,
+    P_N_LOOKS,
     P_SHAPE,
     P_SHAPE_AT,
+    P_STEPS,
+    P_STEPS_END,
     P_TARGET,
     P_VALUES,
     PART_FIELDS,
     PLACE_CONSTANT,
     PRIMITIVE,
+    R_PARTS,
+    R_PARTS_END,
+    R_STEPS,
+    R_STEPS_END,
     RECIPE_FIELDS,
     RUN,
     STEP_FIELDS,
@@ -69,7 +77,7 @@ class Slots(NamedTuple):
     inverses : float64 (12 W N,)
         target_from_slot of the parts.
     values : float64 (V W N,)
-        Inputs of entries; arguments and attributes of primitives.
+        Inputs of entries, arguments of primitives. Attributes are worked out when they are seen.
     heads : int32 (4 N,)
         Number of parts, generation, level of the pin, whether it was used lately.
     """
@@ -84,12 +92,13 @@ class Slots(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Registers and matrices of a recipe, the tape's stack, a box."""
+    """Registers and matrices of a recipe, the tape's stack, a box, attributes of a part."""
 
     registers: NDArray[np.float64]
     matrices: NDArray[np.float64]
     stack: NDArray[np.float64]
     box: NDArray[np.float64]
+    looks: NDArray[np.float64]
 
 
 def make_work(book: Rulebook) -> Work:
@@ -99,6 +108,7 @@ def make_work(book: Rulebook) -> Work:
         matrices=np.zeros(12 * book.n_matrices),
         stack=np.zeros(book.stack_size),
         box=np.zeros(6),
+        looks=np.zeros(book.n_looks),
     )
 
 
@@ -149,15 +159,11 @@ def slot_bytes(width: int, n_values: int) -> int:
 
 
 @njit
-def _make_registers(
-    book: Rulebook,
-    work: Work,
-    recipe: int,
-) -> int:
-    """Run the steps of a recipe; return OK or what went wrong."""
+def _run_steps(book: Rulebook, work: Work, begin: int, end: int) -> int:
+    """Run steps of a recipe; return OK or what went wrong."""
     registers, matrices, stack = work.registers, work.matrices, work.stack
     steps, sources, constants = book.steps, book.sources, book.constants
-    for step in range(book.recipes[recipe], book.recipes[recipe + 1]):
+    for step in range(begin, end):
         at = STEP_FIELDS * step
         if steps[at] == RUN:
             status, _ = run(book.code, book.code_constants, steps[at + 3], 0, registers, 0, stack)
@@ -216,10 +222,11 @@ def make_parts(
     if recipe == FAULT:
         return FAULT
     recipe *= RECIPE_FIELDS
-    if _make_registers(book, work, recipe) != OK:
+    begin, end = book.recipes[recipe + R_STEPS], book.recipes[recipe + R_STEPS_END]
+    if _run_steps(book, work, begin, end) != OK:
         return FAULT
     n = 0
-    for part in range(book.recipes[recipe + 2], book.recipes[recipe + 3]):
+    for part in range(book.recipes[recipe + R_PARTS], book.recipes[recipe + R_PARTS_END]):
         p = PART_FIELDS * part
         item = slot * width + n
         matrix = book.parts[p + P_MATRIX]
@@ -302,6 +309,39 @@ def load_inputs(lazy: Lazy, item: int) -> int:
         lazy.work.registers[k] = source.values[book.n_values * own + k]
     entry: int = book.parts[part + P_TARGET]
     return entry
+
+
+@njit
+def make_looks(lazy: Lazy, item: int, recipe: int, part: int) -> int:
+    """Write the attributes of a part to ``lazy.work.looks``.
+
+    Parameters
+    ----------
+    item
+        The item of the state that the part belongs to.
+    recipe
+        The recipe that the state was made by, -1 for that which its inputs choose.
+
+    Returns
+    -------
+    int
+        OK or FAULT.
+    """
+    book, work = lazy.book, lazy.work
+    entry = load_inputs(lazy, item)
+    if recipe < 0:
+        recipe = choose_recipe(book, work, entry)
+    recipe *= RECIPE_FIELDS
+    begin, end = book.recipes[recipe + R_STEPS], book.recipes[recipe + R_STEPS_END]
+    if _run_steps(book, work, begin, end) != OK:
+        return FAULT
+    p = PART_FIELDS * part
+    if _run_steps(book, work, book.parts[p + P_STEPS], book.parts[p + P_STEPS_END]) != OK:
+        return FAULT
+    for k in range(book.parts[p + P_N_LOOKS]):
+        source = book.sources[book.parts[p + P_LOOKS] + k]
+        work.looks[k] = work.registers[source] if source >= 0 else book.constants[-1 - source]
+    return OK
 
 
 @njit

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pcsg.errors import UsageError
 from pcsg.treemesh.contraction import ContractionOptions, contract, ring_areas
+from pcsg.treemesh.decimation import decimate
 from pcsg.treemesh.resampling import smooth_radii
 from pcsg.treemesh.skeleton import Floats, Ints, Skeleton
 from pcsg.treemesh.surgery import collapse
@@ -17,6 +19,12 @@ SPUR = 1.0
 
 JOINED = 1.25
 """Joints closer than this, in radii, are one: whorls come apart by about a radius."""
+
+DENSE = 50_000
+"""Vertices of a mesh that is contracted as it is; of a denser one, short edges collapse first."""
+
+MOST = 400_000
+"""Vertices that can be contracted at all."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +57,23 @@ def skeleton_of_closed(
     -------
     Skeleton
         With the induced mapping from nodes to vertices; its root is the thickest tip.
+
+    Raises
+    ------
+    UsageError
+        The mesh cannot be made small enough to be contracted.
     """
     o = options or ExtractionOptions()
-    small = contract(verts, faces, o.contraction)
-    nodes, edges, node_of = collapse(small, faces)
+    fewer, corners, into = decimate(verts, faces, DENSE)
+    if len(fewer) > MOST:
+        raise UsageError(
+            f"a part of the mesh has {len(verts):,} vertices, and limbs so fine that more than "
+            f"{MOST:,} must stay; cut it into pieces, or thin it out"
+        )
+    nodes, edges, node_of = collapse(contract(fewer, corners, o.contraction), corners)
     if len(nodes) < 2:
         return _two_nodes(verts, faces)
+    node_of = node_of[into]
     draft = _Draft(verts, ring_areas(verts, faces), len(nodes), edges, node_of)
     draft.break_false_loops(faces)
     draft.measure()

@@ -20,8 +20,8 @@ from pcsg.treemesh.tubes import tube_skeleton
 COARSE = 1.5
 """Edges longer than this, in mean radii, are halved before contraction."""
 
-MOST = 400_000
-"""Vertices of a part that is contracted."""
+FULL = 100_000
+"""Vertices of a part whose edges are halved no more."""
 
 
 class Triangles(Protocol):
@@ -117,10 +117,6 @@ def skeleton_of_part(part: Part, options: ExtractionOptions | None = None) -> Sk
     tube = tube_skeleton(part)
     if tube is None:
         verts, faces = refine(part.verts, part.faces)
-        if len(verts) > MOST:
-            raise UsageError(
-                f"a part of the mesh has {len(verts):,} vertices; reduce it below {MOST:,} first"
-            )
         tube = skeleton_of_closed(verts, faces, options)
     # Vertices that were added on the way are none of the original's.
     source = np.concatenate([part.source, [-1]])
@@ -142,7 +138,7 @@ def refine(verts: Floats, faces: Ints) -> tuple[Floats, Ints]:
     for _ in range(12):
         a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
         length = np.linalg.norm(verts[a] - verts[b], axis=1).reshape(-1, 3)
-        if float(length.max()) <= limit or len(verts) > MOST // 4:
+        if float(length.max()) <= limit or len(verts) > FULL:
             break
         verts, faces = _halve(verts, faces, length > limit)
     return verts, faces

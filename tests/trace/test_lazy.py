@@ -139,6 +139,15 @@ def test_faults_in_states_made_on_demand_are_told_by_the_walker() -> None:
         tracer.intersect(*rays_about(4_000))
 
 
+def test_a_fault_in_a_colour_is_told_when_the_colour_is_seen() -> None:
+    text = (PLANT % 9).replace("color(0.2, rand(s, 7), 0.1)", "color(0.2, 1/(0*s), 0.1)")
+    tracer = make_lazy(load_text(text))
+    rays = rays_about(2_000)
+    assert tracer.occluded(*rays).any()  # whose colour nobody asks for
+    with pytest.raises(EvaluationFault, match="not a finite number"):
+        tracer.intersect(*rays)
+
+
 def test_a_terrain_has_few_entries_and_boxes_that_follow_its_corners() -> None:
     graph = load_file(GRAMMARS / "terrain.pcsg").override({"cnt": 10.0})
     found = make_recipes(graph)
