@@ -35,7 +35,7 @@ image: in mode direct a ray ends there."""
 MANY = 6
 """Most lights that are all asked at the first surface."""
 
-BLUR = 0.8
+BLUR = 0.6
 """Least roughness of gloss that is seen by way of matt surfaces; by way of gloss, it is at least as
 rough as that. Light that a mirror or a lens gathers is blurred by it, instead of appearing as
 single white points (Kaplanyan and Dachsbacher 2013)."""
