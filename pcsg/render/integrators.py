@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from pcsg.render.emitters import Emitters
 from pcsg.render.materials import Surface, dots
 from pcsg.render.stage import Stage
 from pcsg.render.tracer import GROUND, Bools, Floats, Ints, Tracer
@@ -22,7 +23,7 @@ class Purpose:
     Surfaces along a path take `BOUNCE + STRIDE * depth` and what follows it.
     """
 
-    PIXEL, LENS, SKY, FIRST_SKY, LIGHT = 0, 1, 2, 3, 8
+    PIXEL, LENS, SKY, FIRST_SKY, SHINING, LIGHT = 0, 1, 2, 3, 4, 8
     BOUNCE, STRIDE = 256, 4
     DIRECTION, LOBE, CHOICE, SHINE = 0, 1, 2, 3
 
@@ -135,6 +136,44 @@ def find_blocked(
     return start.closed | tracer.occluded(start.origins, towards, 0.0, t_max), len(
         scale
     ) + start.rays
+
+
+class Shone(NamedTuple):
+    """What N surfaces get from things of the scene that shine.
+
+    Attributes
+    ----------
+    light
+        (N, 3) towards the viewer.
+    density
+        (N,) with which the shadow rays' directions were chosen.
+    scattered
+        (N,) with which the surfaces scatter there.
+    rays
+        How many rays it took.
+    """
+
+    light: Floats
+    density: Floats
+    scattered: Floats
+    rays: int
+
+
+def ask_emitters(
+    stage: Stage, emitters: Emitters, surface: Surface, scale: Floats, pairs: Floats
+) -> Shone:
+    """Send a shadow ray to what shines from every surface, by numbers (N, 2)."""
+    light = np.zeros((len(scale), 3))
+    aim = emitters.aim(surface.position, pairs)
+    reflected = surface.reflect(aim.direction)
+    useful = np.flatnonzero((reflected.light.max(axis=1) > 0) & (aim.density > 0))
+    towards = aim.direction[useful]
+    start = leave(stage.tracer, surface.take(useful), scale[useful], towards)
+    met = stage.tracer.intersect(start.origins, towards, 0.0, np.inf)
+    seen = np.isfinite(met.t) & ~start.closed
+    emission = np.where(seen[:, None], stage.materials.emission(met.material), 0.0)
+    light[useful] = reflected.light[useful] * emission / aim.density[useful, None]
+    return Shone(light, aim.density, reflected.density, start.rays + len(useful))
 
 
 def hazed(stage: Stage, light: Floats, hits: Hits, at: Ints, behind: Floats) -> Floats:

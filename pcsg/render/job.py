@@ -158,7 +158,8 @@ class Job:
         self.options = options
         self.stage = build_stage(scene, options.size, options.overrides, options.detail)
         first, last = options.film_rows
-        self.film = Film((options.size[0], last - first), self.stage.view)
+        rare = self.stage.mode == "path"
+        self.film = Film((options.size[0], last - first), self.stage.view, rare)
         self.progress = Progress(passes=len(options.levels))
         self.sampler = Sampler(options.size, options.samples, options.seed)
         self.integrator: Integrator = MODES[self.stage.mode](self.stage, self.sampler)

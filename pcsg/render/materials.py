@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pcsg.graph.settings import SETTINGS
-from pcsg.render.bsdf import Matter, albedo_tables, scatter_batch
+from pcsg.render.bsdf import Albedo, Matter, albedo_tables, scatter_batch
 from pcsg.render.textures import NORMALS, Textures
 from pcsg.render.tracer import Bools, Floats, Ints, Tracer
 from pcsg.trace.hits import Hits
@@ -80,18 +80,21 @@ class Surface(NamedTuple):
         rough = np.maximum(self.matter.roughness, least)
         return self._replace(matter=self.matter._replace(roughness=rough))
 
+    def _tables(self) -> Albedo:
+        return albedo_tables(bool((self.matter.transmission > 0).any()))
+
     def scatter(self, pairs: Floats, choices: Floats) -> Scattered:
         """Draw directions by pairs and choices (N, 2) in [0, 1)."""
         n = len(pairs)
         found = Scattered(np.empty((n, 3)), np.empty((n, 3)), np.empty(n))
-        scatter_batch(self.matter, albedo_tables(), True, pairs, choices, *found)
+        scatter_batch(self.matter, self._tables(), True, pairs, choices, *found)
         return found
 
     def reflect(self, towards: Floats) -> Scattered:
         """Return what surfaces do with light from unit directions (N, 3)."""
         n = len(towards)
         found = Scattered(np.array(towards), np.empty((n, 3)), np.empty(n))
-        scatter_batch(self.matter, albedo_tables(), False, _NO_PAIRS, _NO_PAIRS, *found)
+        scatter_batch(self.matter, self._tables(), False, _NO_PAIRS, _NO_PAIRS, *found)
         return found
 
     def fresnel(self, cos: Floats) -> Floats:
@@ -144,6 +147,14 @@ class Materials:
         self._textures = textures
         # Leaves with negative numbers, such as the ground, are no sheets.
         self._sheets = np.append(sheets, [False, False])
+
+    def emission(self, numbers: Ints) -> Floats:
+        """Return (N, 3) light that surfaces of materials (N,) send out; -1 is the default."""
+        return np.asarray(self._columns["emission"][numbers])
+
+    def strengths(self) -> Floats:
+        """Return (M,) how much every material shines, averaged over the colours."""
+        return np.asarray(self._columns["emission"][:-1].mean(axis=1))
 
     def gather(self, hits: Hits, at: Ints, directions: Floats, tracer: Tracer) -> Surface:
         """Return the surfaces of hits.

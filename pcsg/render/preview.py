@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pcsg.render.integrators import Light, Purpose, Samples, find_blocked, hazed
+from pcsg.render.integrators import Light, Purpose, Samples, ask_emitters, find_blocked, hazed
 from pcsg.render.materials import Surface, dots
 from pcsg.render.sampler import Sampler, cosine_hemisphere
 from pcsg.render.stage import Stage
@@ -64,6 +64,11 @@ class Preview:
             rays += more
             lit = useful[~blocked]
             light[lit] += share[lit]
+        if stage.emitters is not None:
+            pairs = self.sampler.pairs(*here, Purpose.SHINING)
+            shone = ask_emitters(stage, stage.emitters, surface, scale, pairs)
+            light += shone.light
+            rays += shone.rays
         sky, sky_rays = self._sky_light(surface, scale, here)
         light += sky
         rays += sky_rays

@@ -100,6 +100,16 @@ class RenderScene(Protocol):
         """Return the number of every named setting of a kind."""
         ...
 
+    def shining_balls(self, strengths: Floats) -> Floats:
+        """Return (K, 5) centre, radius and power of balls that cover what shines.
+
+        Parameters
+        ----------
+        strengths
+            (M,) how much a surface of every material shines.
+        """
+        ...
+
 
 class DetailedTracer:
     """A tracer whose rays are as wide as a pixel looks at the place where they begin.
