@@ -26,9 +26,10 @@ NEVER = -1
 CUT = -2_000_000
 """In a path, ``CUT - k`` stands for hit k of the coverage."""
 
-LEVEL, DRAWN = 13, 12
+LEVEL, DRAWN, NUMBER = 14, 12, 13
 """Numbers for every level: the linear part of local_from_world, one over the squares of the lengths
-of its rows, and which part of [0, 1) has been drawn from, see `coverage`."""
+of its rows, which part of [0, 1) has been drawn from, and the ray's random number there, negative
+until it is needed; see `coverage`."""
 
 
 _ONE, _TWO = np.uint64(1), np.uint64(2)
@@ -39,6 +40,7 @@ def begin_levels(linear: NDArray[np.float64]) -> None:
     """Write what the level of the world knows."""
     for k in range(LEVEL):
         linear[k] = 1.0 if (k % 4 == 0 or k > 8) and k < DRAWN else 0.0
+    linear[NUMBER] = -1.0
 
 
 @njit
@@ -57,6 +59,7 @@ def go_down(linear: NDArray[np.float64], level: int, m: Affine) -> None:
             square += x * x
         linear[at + 9 + i] = 1.0 / square
     linear[at + DRAWN] = 0.0
+    linear[at + NUMBER] = -1.0
 
 
 @njit(inline=True)
