@@ -108,6 +108,9 @@ def render(
         typer.Option(metavar="LIST", help="Layers to write: depth,normal,albedo,label,leaf."),
     ] = "",
     bits: Annotated[int, typer.Option(help="Of each colour of a .png: 8 or 16.")] = 8,
+    denoise: Annotated[
+        bool, typer.Option("--denoise", help="Take noise out; needs the extra denoise.")
+    ] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from the checkpoint of a stopped run.")
     ] = False,
@@ -160,6 +163,7 @@ def render(
             },
             aov=aov,
             bits=bits,
+            denoise=denoise,
             tile=tile,
             resume=resume,
             show_every=show_every,

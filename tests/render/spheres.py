@@ -46,6 +46,12 @@ class Spheres:
     def setting_numbers(self, kind):
         return {v["name"]: k for k, v in enumerate(self.settings.get(kind, [])) if "name" in v}
 
+    def shining_balls(self, strengths):
+        if not (self.material >= 0 and strengths[self.material] > 0):
+            return np.empty((0, 5))
+        radii = self.radii[:, None]
+        return np.hstack([self.centers, radii, np.pi * radii**2 * strengths[self.material]])
+
     def _all(self, origins, directions, t_min, t_max):
         result = np.full((len(origins), len(self.radii)), np.inf)
         for k, (center, radius) in enumerate(zip(self.centers, self.radii, strict=True)):
