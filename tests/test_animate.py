@@ -9,6 +9,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from pcsg.cli import app
+from pcsg.commands import gallery
 from pcsg.commands.animate import parse_frames, parse_range, parse_ranges
 from pcsg.commands.gallery import PICTURES, folder
 from pcsg.errors import UsageError
@@ -162,7 +163,8 @@ def test_the_gallery_lists_every_grammar_and_makes_pictures(run, tmp_path):
     listed = run("gallery")
     assert listed.exit_code == 0
     shipped = {p.stem for p in folder().glob("*.pcsg")} - {"sierpinski-pl"}
-    assert {picture.name for picture in PICTURES} == shipped
+    assert {picture.name for picture in PICTURES} >= shipped
+    assert all((folder() / picture.grammar).exists() for picture in PICTURES)
     assert all(name in listed.output for name in shipped)
     made = run("gallery", "--render", "sierpinski", "--size", "24x18", "--samples", "1")
     assert made.exit_code == 0, made.output
@@ -172,3 +174,38 @@ def test_the_gallery_lists_every_grammar_and_makes_pictures(run, tmp_path):
     wrong = run("gallery", "siepinski")
     assert wrong.exit_code == 2
     assert "sierpinski" in wrong.output
+
+
+def test_the_gallery_goes_on_where_it_stopped(run, tmp_path, monkeypatch):
+    names = ["sierpinski", "menger", "leaf"]
+    quick = ["--size", "16x12", "--samples", "1"]
+    made = []
+    make = gallery._make
+
+    def stop_at_menger(picture, *rest):
+        if picture.name == "menger" and "menger" not in made:
+            made.append("menger")
+            raise KeyboardInterrupt
+        made.append(picture.name)
+        return make(picture, *rest)
+
+    monkeypatch.setattr(gallery, "_make", stop_at_menger)
+    assert run("gallery", "--render", *names, *quick).exit_code == 130
+    assert (tmp_path / gallery.PROGRESS).exists()
+    again = run("gallery", "--render", *names, *quick)
+    assert again.exit_code == 0, again.output
+    assert made == ["sierpinski", "menger", "menger", "leaf"]
+    assert "sierpinski.png is made already" in again.output
+    assert not (tmp_path / gallery.PROGRESS).exists()
+    # Asked for anew, or in another way, all are made.
+    made.clear()
+    (tmp_path / gallery.PROGRESS).write_text("pictures of 24x18\nsierpinski")
+    assert run("gallery", "--render", "sierpinski", *quick).exit_code == 0
+    assert made == ["sierpinski"]
+
+
+def test_a_picture_that_fails_ends_the_gallery(run, tmp_path):
+    (tmp_path / "leaf.png").mkdir()
+    failed = run("gallery", "--render", "leaf", "--size", "16x12", "--samples", "1")
+    assert failed.exit_code == 1
+    assert "leaf was not made" in failed.output
