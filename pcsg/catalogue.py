@@ -65,6 +65,11 @@ CATALOGUE: dict[str, Mistake] = {
             "A file that a primitive names is not there, is damaged, or is of a kind that is not "
             "supported.",
         ),
+        Mistake(
+            "bad-species",
+            _F,
+            "A file of a growing tree is JSON with the keys, curves and ranges of `docs/growth.md`.",
+        ),
         Mistake("include-cyclic", _F, "A file includes itself, directly or through others."),
         Mistake("bad-directive", _F, "There are two directives: `#define` and `#include`."),
         Mistake("macro-redefined", _M, "A macro has one definition in the whole set of files."),

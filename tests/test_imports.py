@@ -25,8 +25,8 @@ FLOORS: list[set[str]] = [
 ]
 # The lowest floor and the highest are one thing each.
 NEIGHBOURS = [FLOORS[0], FLOORS[-1]]
-# A grammar that names a growing tree needs the leaf that growth registers.
-ALSO = {("grammar", "growth")}
+# A grammar that names a growing tree needs the leaf that growth registers; its axes are a skeleton.
+ALSO = {("grammar", "growth"), ("growth", "treemesh")}
 # Nobody but these may reach growth and treemesh, which are loaded when asked for.
 ASKED_FOR = {"growth", "treemesh"}
 

@@ -1,0 +1,1 @@
+"""Growing trees: any age of a tree, computed directly."""
