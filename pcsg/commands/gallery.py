@@ -61,6 +61,8 @@ PICTURES = (
     Picture("dawn", "A forest on an island at dawn"),
     Picture("zoom", "Near the corner of a Sierpinski tetrahedron of order 40"),
     Picture("meadow", "A meadow"),
+    Picture("mushrooms", "Mushrooms that glow", 144),
+    Picture("dew", "Dew on blades of grass", 64),
     Picture("flock", "A flock of birds"),
     Picture("wind", "An autumn tree in the wind"),
     Picture("junctions", "Junctions of implicit branches", file="blobtree/junctions.pcsg"),
