@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 import pcsg
+from pcsg.commands.growing import app as grow
 from pcsg.commands.guard import guard
 
 app = typer.Typer(
@@ -23,6 +24,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+app.add_typer(grow)
 
 File = Annotated[
     Path, typer.Argument(metavar="FILE", help="A grammar (.pcsg).", show_default=False)

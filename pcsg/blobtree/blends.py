@@ -147,6 +147,20 @@ class Weight(Blend):
         return 0
 
 
+@njit(contract=True)
+def greatest_hull(values: Array, base: int, n: int) -> tuple[float, float, float, float]:
+    """Return the bounds of the greatest of n children of positive fields."""
+    least, high, d_low, d_high = 0.0, 0.0, math.inf, -math.inf
+    for b in range(4 * base, 4 * (base + n), 4):
+        least = max(least, values[b])
+        high = max(high, values[b + 1])
+    for b in range(4 * base, 4 * (base + n), 4):
+        if values[b + 1] >= least:
+            d_low = min(d_low, values[b + 2])
+            d_high = max(d_high, values[b + 3])
+    return least, high, d_low, d_high
+
+
 @blend
 class Union(Blend):
     """``a | b``: the greatest field."""
@@ -156,15 +170,8 @@ class Union(Blend):
     @staticmethod
     def hull(values: Array, slots: Slots, base: int, n: int, args: Array, at: int, out: int) -> int:
         take_positive_parts(values, base, n)
-        least, high, d_low, d_high = 0.0, 0.0, math.inf, -math.inf
-        for b in range(4 * base, 4 * (base + n), 4):
-            least = max(least, values[b])
-            high = max(high, values[b + 1])
-        for b in range(4 * base, 4 * (base + n), 4):
-            if values[b + 1] >= least:
-                d_low = min(d_low, values[b + 2])
-                d_high = max(d_high, values[b + 3])
-        put(values, base, least, high, d_low, d_high)
+        low, high, d_low, d_high = greatest_hull(values, base, n)
+        put(values, base, low, high, d_low, d_high)
         return 0
 
 
@@ -430,13 +437,16 @@ class Pcm(Blend):
 
 @blend
 class Excess(Blend):
-    """Precise contact less the sum: what a junction's bound mixes in. Inside of `Joint` only."""
+    """Precise contact less the sum, or less the union: what a junction's bound mixes in.
+
+    Inside of `Joint` only. The third number is 1 for the union.
+    """
 
     alone = False
 
     @classmethod
     def arguments(cls, args: Sequence[float], count: int) -> list[float]:
-        return contact_arguments(args)
+        return [*contact_arguments(args[:2]), args[2] if len(args) > 2 else 0.0]
 
     @staticmethod
     def hull(values: Array, slots: Slots, base: int, n: int, args: Array, at: int, out: int) -> int:
@@ -445,6 +455,10 @@ class Excess(Blend):
             put(values, base, 0.0, 0.0, 0.0, 0.0)
             return 0
         low, high, d_low, d_high = contact_hull(values, base, n, args[at], args[at + 1])
+        if args[at + 2] == 1.0:
+            least, most, s_low, s_high = greatest_hull(values, base, n)
+            put(values, base, low - most, high - least, d_low - s_high, d_high - s_low)
+            return 0
         for b in range(4 * base, 4 * (base + n), 4):
             low -= values[b + 1]
             high -= values[b]
