@@ -340,7 +340,8 @@ Tree = Annotated[
     Path,
     typer.Argument(
         metavar="IN",
-        help="A mesh (.obj .ply .stl .glb), a skeleton (.json .swc) or a grammar (.pcsg).",
+        help="A mesh (.obj .ply .stl .glb), a skeleton (.json .swc), a grammar (.pcsg), or a "
+        "growing tree (.json, populus).",
         show_default=False,
     ),
 ]
