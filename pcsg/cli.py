@@ -316,12 +316,15 @@ def gallery(
         Path, typer.Option("-o", "--output", metavar="DIR", help="Where to.")
     ] = Path(),
     size: Annotated[str, typer.Option(metavar="WxH", help="In pixels.")] = "640x480",
-    samples: Annotated[int, typer.Option(help="Most samples per pixel.")] = 16,
+    samples: Annotated[
+        int | None,
+        typer.Option(help="Most samples per pixel; default what each picture needs."),
+    ] = None,
 ) -> None:
     """List the grammars that come with pcsg, or make their pictures."""
     from pcsg.commands.gallery import run
 
-    run(names or [], render, output, ["--size", size, "--samples", str(samples)])
+    run(names or [], render, output, size, samples)
 
 
 @app.command()

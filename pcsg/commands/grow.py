@@ -122,6 +122,7 @@ def run_frame(name: str, t: float, output: Path | None, look: Look, camera: str)
             settings={"camera": keys, "film": f"mode={look.mode}" if look.mode else ""},
             aov="",
             bits=8,
+            denoise=False,
             tile=None,
             resume=False,
             show_every=None,
