@@ -160,7 +160,8 @@ def _write_contour(given: Input, wanted: Output, file: Path) -> None:
 def run_skeleton(given: Input, file: Path | None, quiet: bool, as_json: bool) -> None:
     """Find a skeleton and write it."""
     from pcsg.outputs import check_output
-    from pcsg.treemesh.files import SKELETON_ENDINGS, save_skeleton
+    from pcsg.skeletonfile import SKELETON_ENDINGS
+    from pcsg.treemesh.files import save_skeleton
 
     file = file or Path(given.file.stem + ".json")
     check_output(file, SKELETON_ENDINGS)
@@ -204,7 +205,8 @@ def open_skeleton(given: Input) -> tuple[Skeleton, list[str]]:
 
 
 def _read(given: Input) -> tuple[Skeleton, list[str]]:
-    from pcsg.treemesh.files import SKELETON_ENDINGS, load_skeleton
+    from pcsg.skeletonfile import SKELETON_ENDINGS
+    from pcsg.treemesh.files import load_skeleton
     from pcsg.treemesh.meshes import extract
 
     ending = given.file.suffix.lower()

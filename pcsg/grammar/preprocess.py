@@ -14,6 +14,7 @@ from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, Source, SourceSpan
 from pcsg.grammar.macros import Expander, Macro, line_end, take_define, usable_macros
 from pcsg.grammar.tokens import Token, join, tokenize
+from pcsg.skeletonfile import SKELETON_ENDINGS
 
 MAX_BYTES = 16 * 2**20
 """A longer file is refused."""
@@ -31,11 +32,18 @@ class Unit:
 PLANT_SUFFIX = ".lsys"
 
 PLANT = """material(plant) blob("NAME", SEED)
-material plant { roughness = 0.9; specular = 0.1 }
+"""
+"""The grammar that the file of an L-system stands for: the plant that it draws, on a meadow."""
+
+SKELETON = """{junctions = 1; bend = 0} material(plant) blob("NAME", junctions, bend)
+"""
+"""The grammar that the file of a skeleton stands for: its tree."""
+
+MEADOW = """material plant { roughness = 0.9; specular = 0.1 }
 material meadow { color = (0.16, 0.20, 0.08); roughness = 1; specular = 0 }
 ground { z = 0; material = meadow }
 """
-"""The grammar that the file of an L-system stands for: the plant that it draws, on a meadow."""
+"""What such a plant is made of, and stands on."""
 
 
 @dataclass
@@ -50,8 +58,10 @@ class Preprocessed:
 def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
     """Read a file and what it includes."""
     source, problems = _read(path, str(path))
-    if source is not None and path.suffix == PLANT_SUFFIX:
-        source = Source(str(path), PLANT.replace("NAME", path.name), str(path.parent))
+    form = {PLANT_SUFFIX: PLANT, **dict.fromkeys(SKELETON_ENDINGS, SKELETON)}.get(path.suffix)
+    if source is not None and form is not None:
+        text = form.replace("NAME", path.name) + MEADOW
+        source = Source(str(path), text, str(path.parent))
     if source is None:
         return Preprocessed(None, [], problems)
     return _preprocess(source, path.resolve(), path.parent, include, problems)
