@@ -10,11 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.blobtree.fields import REACH
+from pcsg.blobtree.frames import carried_turns
 from pcsg.blobtree.nodes import (
     Cones,
     Field,
@@ -134,6 +136,15 @@ class _Plan:
         self.cut = np.minimum(self.cut, (1.0 - SHORTEST) * self.length)
         self.shift = np.minimum(self.shift, 0.5 * self.length)
 
+    @cached_property
+    def coordinates(self) -> tuple[Array, Array]:
+        """Turns from every internode's own frame to u = 0, and lengths of axes below (N,)."""
+        below = np.where(self.s.lateral, -1, self.s.parent)
+        along = np.zeros(len(self.base))
+        for k in np.flatnonzero(below >= 0).tolist():
+            along[k] = along[below[k]] + self.length[below[k]]
+        return carried_turns(self.axis, below), along
+
     def joined(self, k: int) -> float:
         """Return how much the internode below the k-th is shortened by its radius."""
         radius = self.top[k] if self.j.printed else math.sqrt(self.base[k] * self.top[k])
@@ -219,20 +230,13 @@ def _wood(plan: _Plan, numbers: Sequence[int]) -> Field:
 
 
 def _coordinates(plan: _Plan, k: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return turns to add to u, and v at the foot: the length along the axis from its beginning."""
-    return np.stack([np.zeros(len(k)), plan_lengths(plan)[k]], axis=1).astype(np.float32)
+    """Return turns to add to u, and v at the foot.
 
-
-def plan_lengths(plan: _Plan) -> Array:
-    """Return the length of the axis below every internode."""
-    if not hasattr(plan, "_along"):
-        along = np.zeros(len(plan.base))
-        for k, parent in enumerate(plan.s.parent.tolist()):
-            if parent >= 0 and not plan.s.lateral[k]:
-                along[k] = along[parent] + plan.length[parent]
-        plan._along = along  # type: ignore[attr-defined]
-    found: Array = plan._along  # type: ignore[attr-defined]
-    return found
+    u is 0 along a line that is carried without a twist from internode to internode of an axis, and
+    v is the length of the axis from its beginning.
+    """
+    turns, along = plan.coordinates
+    return np.stack([turns[k], (along + plan.shift)[k]], axis=1).astype(np.float32)
 
 
 def _is_bent(plan: _Plan, k: int) -> bool:
