@@ -25,6 +25,7 @@ FLOORS: list[set[str]] = [
         "meshfile",
         "outputs",
         "skeletonfile",
+        "marching",
     },
     {"blobtree"},
     {"leaf"},
