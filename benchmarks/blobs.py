@@ -34,7 +34,7 @@ def fork_tree(count: int, seed: int = 1) -> Skeleton:
     while len(rows) < count:
         r, _, p, n, parent, phi = heapq.heappop(heap)
         rb = -r
-        for k in range(min(draw.randint(2, 6), count - len(rows))):
+        for k in range(min(draw.randint(1, 5), count - len(rows))):
             rt = rb * draw.uniform(0.985, 1.0)
             length = 2.9 * draw.uniform(0.85, 1.2) * rb**0.75
             end = p + length * n
@@ -136,9 +136,14 @@ def write_isosurface(model: Model) -> str:
     terms, slope = [], 0.0
     for a, b, r in CAPSULES:
         e = np.subtract(b, a)
-        s = "+".join(f"(({c:.9g})*({axis}-({o:.9g})))" for c, axis, o in zip(e / (e @ e), "xyz", a))
+        s = "+".join(
+            f"(({c:.9g})*({axis}-({o:.9g})))"
+            for c, axis, o in zip(e / (e @ e), "xyz", a, strict=True)
+        )
         s = f"max(0,min(1,{s}))"
-        d2 = "+".join(f"pow({axis}-({o:.9g})-({c:.9g})*{s},2)" for axis, o, c in zip("xyz", a, e))
+        d2 = "+".join(
+            f"pow({axis}-({o:.9g})-({c:.9g})*{s},2)" for axis, o, c in zip("xyz", a, e, strict=True)
+        )
         terms.append(f"pow(max(0,1-({d2})/{(REACH * r) ** 2:.9g}),3)")
         slope += 1.717 / (REACH * r)
     low, high = model.support
