@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pcsg.graph.build import C, S, define
     from pcsg.graph.expr import P, and_, call, if_, not_, or_
     from pcsg.graph.graph import Graph
+    from pcsg.growth.leaf import foliage, tree, wood
     from pcsg.render import Image, render
     from pcsg.scene import Scene, load, loads
     from pcsg.trace.hits import Hits, Spans
@@ -43,12 +44,15 @@ _HOMES = {
     "and_": "pcsg.graph.expr",
     "call": "pcsg.graph.expr",
     "define": "pcsg.graph.build",
+    "foliage": "pcsg.growth.leaf",
     "if_": "pcsg.graph.expr",
     "load": "pcsg.scene",
     "loads": "pcsg.scene",
     "not_": "pcsg.graph.expr",
     "or_": "pcsg.graph.expr",
     "render": "pcsg.render",
+    "tree": "pcsg.growth.leaf",
+    "wood": "pcsg.growth.leaf",
 }
 
 __all__ = [
@@ -68,12 +72,15 @@ __all__ = [
     "and_",
     "call",
     "define",
+    "foliage",
     "if_",
     "load",
     "loads",
     "not_",
     "or_",
     "render",
+    "tree",
+    "wood",
 ]
 
 

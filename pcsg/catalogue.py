@@ -68,7 +68,7 @@ CATALOGUE: dict[str, Mistake] = {
         Mistake(
             "bad-species",
             _F,
-            "A file of a growing tree is JSON with the keys, curves and ranges of `docs/growth.md`.",
+            "A file of a growing tree is JSON with the keys and ranges of `docs/growth.md`.",
         ),
         Mistake("include-cyclic", _F, "A file includes itself, directly or through others."),
         Mistake("bad-directive", _F, "There are two directives: `#define` and `#include`."),

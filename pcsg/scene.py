@@ -313,8 +313,8 @@ class Scene:
         """Return the number of every named setting of a kind."""
         return self.graph.numbers_of(kind)
 
-    def shining_balls(self, strengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return balls that cover what shines: centre, radius and power, float64 (K, 5).
+    def shining_covers(self, strengths: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return covers of all that shines, float64 (K, `COLUMNS`): see `pcsg.graph.shining`.
 
         There are none where the states are too many to be looked through.
 
@@ -324,13 +324,13 @@ class Scene:
             (M,) how much a surface of every material shines.
         """
         if not (strengths > 0.0).any():
-            return np.empty((0, 5))
-        from pcsg.graph.shining import shining_balls
+            return np.empty((0, 0))
+        from pcsg.graph.shining import shining_covers
 
         states = self.states
         if not states.finite:
             states = enumerate_states(self.graph, self.values, WHOLE_BUDGET)
-        return shining_balls(states, strengths.tolist())
+        return shining_covers(states, strengths.tolist())
 
     def intersect(
         self,

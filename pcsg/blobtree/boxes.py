@@ -125,15 +125,29 @@ def clip_of(
 ) -> Corners | None:
     """Return the box outside of which a child does not matter; None for everywhere."""
     name = node.blend.name
-    supports = [found[id(c)][0] for c in node.children]
+
+    def support(k: int) -> Corners:
+        return found[id(node.children[k])][0]
+
     if name in ("intersect", "r_intersect"):
         return _combined(node, found)[0]
     if name == "subtract" and slot == 1:
-        return supports[0]
+        return support(0)
     if name == "gbb" and slot == 1:
-        return supports[0]
+        return support(0)
     if name == "gbb" and slot == 0:
-        return unite(supports[1], supports[2])
+        return unite(support(1), support(2))
     if name == "joint" and slot > 0 and slot % 2 == 0:
-        return supports[slot - 1]
+        return support(slot - 1)
     return None
+
+
+def along_curve(points: Array) -> NDArray[np.int64]:
+    """Return points (n, 3) in the order of a space-filling curve (Morton 1966)."""
+    low, span = points.min(axis=0), float(np.ptp(points, axis=0).max())
+    cells = ((points - low) / max(span, 1e-300) * 1023.0).astype(np.int64)
+    keys = np.zeros(len(points), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            keys |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(keys, kind="stable")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,7 @@ class Primitive(Field):
 
 @dataclass(frozen=True, eq=False)
 class Cones(Field):
-    """The sum of many branches, as arrays: quicker than one node each.
+    """The sum of many branches, or their union, as arrays: quicker than one node each.
 
     Attributes
     ----------
@@ -61,6 +62,10 @@ class Cones(Field):
         Radius of the skeleton's foot, and where the field ends.
     uv : float32 (N, 2), optional
         Turns to add to u, and v at the foot.
+    blend
+        ``sum`` or ``union``.
+    groups : int64 (G,), optional
+        Where groups begin, the first one at 0: cones of a group are blended, and groups summed.
     """
 
     start: Array
@@ -68,6 +73,26 @@ class Cones(Field):
     foot: Array
     reach: Array
     uv: NDArray[np.float32] | None = None
+    blend: str = "sum"
+    groups: NDArray[np.int64] | None = None
+
+    @property
+    def parts(self) -> tuple[Cones, ...]:
+        """The groups, each as cones of its own."""
+        if self.groups is None:
+            return (self,)
+        ends = [*self.groups[1:].tolist(), len(self.start)]
+        return tuple(
+            Cones(
+                self.start[a:b],
+                self.axis[a:b],
+                self.foot[a:b],
+                self.reach[a:b],
+                None if self.uv is None else self.uv[a:b],
+                self.blend,
+            )
+            for a, b in zip(self.groups.tolist(), ends, strict=True)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,21 +237,29 @@ def controlled(*children: Field, pairs: Iterable[tuple[int, int]] | None = None)
 
 
 def joint(
-    base: Field, *junctions: tuple[Field, Field, Field], w: float = 0.4, a0: float | None = None
+    base: Field,
+    *junctions: tuple[Field, Field, Field],
+    w: float = 0.4,
+    a0: float | None = None,
+    united: Iterable[bool] = (),
 ) -> Field:
-    """Return a sum with contact where bounds are: junctions on a continuing axis.
+    """Return a field with contact where bounds are: junctions on a continuing axis.
 
     Parameters
     ----------
     base
-        The sum of everything.
+        The field of everything.
     junctions
         For each its bound and its two partners.
+    united
+        For each whether the base holds the union of its partners; it holds their sum where nothing
+        is told.
     """
     children: list[Field] = [base]
-    args = (w,) if a0 is None else (w, a0)
-    for bound, a, b in junctions:
-        children += [bound, combine("excess", (a, b), *args)]
+    height = w / 6.0 if a0 is None else a0
+    flags = chain(united, repeat(False))
+    for (bound, a, b), flag in zip(junctions, flags, strict=False):
+        children += [bound, combine("excess", (a, b), w, height, float(flag))]
     return combine("joint", children)
 
 

@@ -15,7 +15,6 @@ from pcsg.graph.nodes import (
     Attribute,
     AttributedForm,
     Calculation,
-    Leaf,
     Node,
     Selection,
     Transformation,
@@ -153,7 +152,7 @@ class _Lowering:
         return make_leaf(solid, values, primitive.span, constants)
 
 
-def _placeholder() -> Leaf:
+def _placeholder() -> Node:
     return make_leaf(LEAF_NAMES["empty"], ())
 
 

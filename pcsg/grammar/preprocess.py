@@ -28,14 +28,25 @@ class Unit:
     includes: list[tuple[Path, SourceSpan]] = field(default_factory=list)
 
 
-PLANT_SUFFIX = ".lsys"
-
-PLANT = """material(plant) blob("NAME", SEED)
+MODELS = {
+    ".lsys": """material(plant) blob("NAME", SEED)
 material plant { roughness = 0.9; specular = 0.1 }
 material meadow { color = (0.16, 0.20, 0.08); roughness = 1; specular = 0 }
 ground { z = 0; material = meadow }
-"""
-"""The grammar that the file of an L-system stands for: the plant that it draws, on a meadow."""
+""",
+    ".json": """{ t = 12.6; seed = 0 }
+( material(bark) wood("NAME", t, seed) | material(leaf) foliage("NAME", t, seed) )
+material bark { roughness = 0.95; specular = 0.15; relief = furrows; bump = 0.012 }
+texture furrows { kind = bark; scale = 0.35 }
+material leaf { roughness = 0.45; specular = 0.35; translucency = 0.5 }
+material meadow { color = (0.13, 0.18, 0.06); roughness = 1; specular = 0 }
+ground { z = 0; material = meadow }
+sun { direction = (0.75, -0.55, 0.8); strength = 3.6; angle = 2; color = (1, 0.95, 0.86) }
+sky { zenith = (0.16, 0.33, 0.66); horizon = (0.62, 0.70, 0.78) }
+""",
+}
+"""The grammars that files of models stand for: the plant that an L-system draws, and a tree of a
+species at the time t, on a meadow."""
 
 
 @dataclass
@@ -50,8 +61,8 @@ class Preprocessed:
 def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
     """Read a file and what it includes."""
     source, problems = _read(path, str(path))
-    if source is not None and path.suffix == PLANT_SUFFIX:
-        source = Source(str(path), PLANT.replace("NAME", path.name), str(path.parent))
+    if source is not None and path.suffix in MODELS:
+        source = Source(str(path), MODELS[path.suffix].replace("NAME", path.name), str(path.parent))
     if source is None:
         return Preprocessed(None, [], problems)
     return _preprocess(source, path.resolve(), path.parent, include, problems)

@@ -14,6 +14,7 @@ from pcsg.errors import Diagnostic, Source, SourceSpan
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.operators import OPERATORS
 from pcsg.graph.transforms import TRANSFORMS
+from pcsg.growth import leaf as _growing_trees  # noqa: F401 -- registers its words
 from pcsg.leaf import LEAF_NAMES
 
 CONSTANTS: Mapping[str, float] = {"pi": math.pi, "e": math.e, "true": 1.0, "false": 0.0}

@@ -16,7 +16,6 @@ from pcsg.graph.nodes import (
     Attribute,
     Calculation,
     Combinable,
-    Leaf,
     Node,
     Selection,
     Transformation,
@@ -61,8 +60,8 @@ class LeafConstructor(Combinable):
         self.solid = solid
         self.__doc__ = solid.__doc__
 
-    def __call__(self, *args: Any) -> Leaf:
-        """Return a leaf with these arguments."""
+    def __call__(self, *args: Any) -> Node:
+        """Return a leaf with these arguments, or the leaves that a word stands for."""
         constants, numbers = self.solid.take_arguments(args)
         return leaf_node(self.solid, [as_expr(a) for a in numbers], constants=constants)
 

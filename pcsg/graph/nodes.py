@@ -312,8 +312,11 @@ def leaf_node(
     args: Sequence[Expr | float],
     span: SourceSpan | None = None,
     constants: tuple[Constant, ...] = (),
-) -> Leaf:
-    """Return a leaf, with defaults for arguments that are missing."""
+) -> Node:
+    """Return a leaf, with defaults for arguments that are missing, or the union of several."""
+    if solid.parts:
+        leaves = [leaf_node(part, args, span, constants) for part in solid.parts]
+        return combine(UNION, leaves, span)
     parameters = solid.parameters_of(constants)
     least = sum(1 for p in parameters if p.default is None)
     if not least <= len(args) <= len(parameters):

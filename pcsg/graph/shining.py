@@ -1,8 +1,9 @@
-"""Where a scene shines: balls about its shining parts, so that shadow rays can be sent to them.
+"""Where a scene shines: covers of its shining parts, so that shadow rays can be sent to them.
 
 The unrolled graph is a hierarchy of light: every state knows the box about what shines in it, and
 about how much that is. A cut through the hierarchy, opened where most light comes from, covers all
-that shines by a limited number of balls, whether that is one lamp or a million fireflies.
+that shines by a limited number of covers, whether that is one lamp or a million fireflies. Covers
+are balls, or boxes about what is flat.
 """
 
 from __future__ import annotations
@@ -24,11 +25,18 @@ from pcsg.vec import IDENTITY, Affine
 
 Floats = NDArray[np.float64]
 
-MOST_BALLS = 256
+MOST_COVERS = 256
 """Where the cut ends."""
 
 MOST_PIECES = 32
-"""Into how many balls a long primitive is cut."""
+"""Into how many covers a long primitive is cut."""
+
+FLAT = 0.4
+"""What is thinner than this part of its width is covered by a box."""
+
+CENTER, RADIUS, POWER, VOLUME, AXES, INVERSE, COLUMNS = slice(0, 3), 3, 4, 5, 6, 15, 24
+"""Columns of a cover; `VOLUME` is 0 for a ball. A box has its half axes in the nine columns from
+`AXES`, and the rows of the matrix into its frame in those from `INVERSE`."""
 
 _MATERIAL = ATTRIBUTE_SLOTS.index("@material")
 
@@ -52,8 +60,8 @@ class _Part(NamedTuple):
     ball: float
 
 
-def shining_balls(states: StateGraph, strengths: Sequence[float]) -> Floats:
-    """Return balls that cover what shines.
+def shining_covers(states: StateGraph, strengths: Sequence[float]) -> Floats:
+    """Return covers of all that shines.
 
     Parameters
     ----------
@@ -64,14 +72,14 @@ def shining_balls(states: StateGraph, strengths: Sequence[float]) -> Floats:
 
     Returns
     -------
-    (K, 5) float64
-        Centre, radius, and about how much light it sends to distance 1. What has no bounds is left
-        out.
+    (K, `COLUMNS`) float64
+        Centre, radius, about how much light it sends to distance 1, and more. What has no bounds is
+        left out.
     """
     if not (states.finite and states.acyclic):
-        return np.empty((0, 5))
+        return np.empty((0, COLUMNS))
     shining = _Shining(states, strengths)
-    return shining.cut() if shining.parts[0] is not None else np.empty((0, 5))
+    return shining.cut() if shining.parts[0] is not None else np.empty((0, COLUMNS))
 
 
 class _Shining:
@@ -134,7 +142,7 @@ class _Shining:
         return _Part(lower, upper, power, math.inf)
 
     def cut(self) -> Floats:
-        """Return the balls of a cut."""
+        """Return the covers of a cut."""
         rows: list[Floats] = []
         # Most light first; numbers tell apart what shines alike.
         numbers = itertools.count()
@@ -148,10 +156,10 @@ class _Shining:
         while waiting:
             power, _, k, world = heapq.heappop(waiting)
             items = self._items(k)
-            if len(rows) + len(waiting) + len(items) > MOST_BALLS:
+            if len(rows) + len(waiting) + len(items) > MOST_COVERS:
                 part = self.parts[k]
                 assert part is not None
-                rows.append(_ball(part, world, -power))
+                rows.append(_cover(part, world, -power))
                 continue
             for item, part, place in items:
                 inner = compose_affine(world, place)
@@ -194,31 +202,46 @@ def _placed_box(part: _Part, place: Affine) -> tuple[Floats, Floats]:
     return center - half, center + half
 
 
-def _ball(part: _Part, place: Affine, power: float) -> Floats:
-    """Return the ball about a part in its place."""
+def _cover(part: _Part, place: Affine, power: float) -> Floats:
+    """Return the cover of a part in its place: a ball, or a box if it is flat."""
+    row = np.zeros(COLUMNS)
     linear = _linear(place)
-    center = linear @ (part.lower + part.upper) / 2 + np.array(place)[3::4]
+    row[CENTER] = linear @ (part.lower + part.upper) / 2 + np.array(place)[3::4]
     sides = linear * (part.upper - part.lower) / 2
     signs = np.array([(1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1)])
     radius = float(np.linalg.norm(signs @ sides.T, axis=1).max())
-    if part.ball < math.inf:
+    lengths = np.linalg.norm(sides, axis=0)
+    thin, middle = int(lengths.argmin()), float(np.sort(lengths)[1])
+    if lengths[thin] < FLAT * middle:
+        # Sheets have no thickness.
+        if lengths[thin] < 1e-3 * middle:
+            normal = np.cross(sides[:, thin - 2], sides[:, thin - 1])
+            sides[:, thin] = 1e-3 * middle * normal / np.linalg.norm(normal)
+        sides *= 1.0 + 1e-6
+        row[VOLUME] = 8.0 * abs(float(np.linalg.det(sides)))
+        row[AXES:INVERSE] = sides.T.ravel()
+        row[INVERSE:] = np.linalg.inv(sides).ravel()
+        radius *= 1.01
+    elif part.ball < math.inf:
         radius = min(radius, part.ball * float(np.linalg.norm(linear, 2)))
+    row[RADIUS] = radius * (1.0 + 1e-9)
     # A convex body of surface A shows A / 4 on average.
-    return np.array([*center, radius * (1.0 + 1e-9), power / 4])
+    row[POWER] = power / 4
+    return row
 
 
 def _pieces(part: _Part, place: Affine, power: float) -> list[Floats]:
-    """Return balls along a primitive, which is cut where it is longer than wide."""
+    """Return covers along a primitive, which is cut where it is longer than wide."""
     lengths = np.linalg.norm(_linear(place), axis=0) * (part.upper - part.lower)
     axis = int(lengths.argmax())
     middle = float(np.sort(lengths)[1])
     count = min(math.ceil(float(lengths[axis]) / max(middle, 1e-300) - 0.5), MOST_PIECES)
     if count < 2:
-        return [_ball(part, place, power)]
+        return [_cover(part, place, power)]
     ends = np.linspace(part.lower[axis], part.upper[axis], count + 1)
     found = []
     for start, end in itertools.pairwise(ends):
         lower, upper = part.lower.copy(), part.upper.copy()
         lower[axis], upper[axis] = start, end
-        found.append(_ball(_Part(lower, upper, 0.0, math.inf), place, power / count))
+        found.append(_cover(_Part(lower, upper, 0.0, math.inf), place, power / count))
     return found

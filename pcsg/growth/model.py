@@ -219,6 +219,10 @@ class _Assembly:
             d.branch[:n] + self.branch0[k]
             for k, (d, n) in enumerate(zip(self.drawn, self.n_nodes, strict=True))
         ]
+        of = [
+            np.where(d.of_shoot[:n] >= 0, d.shoot_m[d.of_shoot[:n]], 0)
+            for d, n in zip(self.drawn, self.n_nodes, strict=True)
+        ]
         return Nodes(
             position=self._per_order("position", True),
             radius=self._per_order("radius", True),
@@ -226,6 +230,8 @@ class _Assembly:
             along=self._per_order("along", True),
             year=self._per_order("year", True),
             direction=self._per_order("direction", True),
+            metamer=self._per_order("metamer", True),
+            of=_joined(of),
         )
 
     def _row_tables(self, branches: Branches) -> tuple[Ints, Ints]:

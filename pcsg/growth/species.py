@@ -78,7 +78,7 @@ class LeafForm:
     angle: float = _number(50.0, 0.0, 180.0)
     droop: float = _number(20.0, -90.0, 90.0)
     form: str = field(default="deltoid", metadata={"words": ("deltoid", "oval", "needle")})
-    green: tuple[float, float, float] = field(default=(0.13, 0.26, 0.05), metadata={"rgb": True})
+    green: tuple[float, float, float] = field(default=(0.21, 0.37, 0.08), metadata={"rgb": True})
     autumn: tuple[float, float, float] = field(default=(0.80, 0.55, 0.06), metadata={"rgb": True})
 
 
@@ -201,21 +201,32 @@ def load_species(what: str | Path) -> Species:
     UsageError
         There is no such file or name.
     """
+    name, text = species_text(what)
+    return read_species(text, name)
+
+
+def species_text(what: str | Path) -> tuple[str, str]:
+    """Return the name and the text of a species' file, or of a shipped one.
+
+    Raises
+    ------
+    UsageError
+        There is no such file or name.
+    """
     name = str(what)
     if name in shipped():
-        text = (resources.files("pcsg.growth") / "data" / f"{name}.json").read_text("utf-8")
-        return read_species(text, f"{name}.json")
+        file = resources.files("pcsg.growth") / "data" / f"{name}.json"
+        return f"{name}.json", file.read_text("utf-8")
     try:
-        text = Path(what).read_text("utf-8")
+        return name, Path(what).read_text("utf-8")
     except FileNotFoundError:
-        hint = suggest(name, shipped())
+        hint = suggest(Path(name).name, shipped())
         known = f"there is no file `{name}`, and the species that come along are "
         raise UsageError(f"{known}{', '.join(shipped())}" + (f"; {hint}" if hint else "")) from None
     except UnicodeDecodeError:
         raise UsageError(f"`{name}` is not UTF-8 text") from None
     except OSError as e:
         raise UsageError(f"`{name}` cannot be read: {e.strerror}") from None
-    return read_species(text, name)
 
 
 def read_species(text: str, name: str = "<text>") -> Species:

@@ -80,6 +80,8 @@ class Nodes:
         Of the shoot whose internode ends here; 0 for a base.
     direction : (N, 3)
         Of the internode that ends here; of a base, of the first one.
+    metamer, of
+        Number of the metamer in its shoot, from 1, and of how many when it is grown; 0 for a base.
     """
 
     position: Floats
@@ -88,6 +90,8 @@ class Nodes:
     along: Floats
     year: Ints
     direction: Floats
+    metamer: Ints
+    of: Ints
 
 
 @dataclass(frozen=True)

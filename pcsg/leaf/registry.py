@@ -192,6 +192,8 @@ class Solid:
         True for a surface without volume: its intervals have length zero.
     primitives
         What it counts for in primitive equivalents.
+    parts
+        Of a word that stands for several leaves, with the same arguments: their union.
     """
 
     name: ClassVar[str]
@@ -204,6 +206,7 @@ class Solid:
     corners: ClassVar[tuple[Vec3, ...]] = ()
     sheet: ClassVar[bool] = False
     primitives: ClassVar[int] = 1
+    parts: ClassVar[tuple[type[Solid], ...]] = ()
 
     @classmethod
     def bounds_of(cls, args: Sequence[float]) -> Box:
@@ -341,6 +344,17 @@ def leaf(cls: L) -> L:
     LEAVES[cls.name] = cls
     for name in (cls.name, *cls.aliases):
         LEAF_NAMES[name] = cls
+    return cls
+
+
+def word(cls: L) -> L:
+    """Register a name that stands for leaves which are there already: it needs no kernels.
+
+    A subclass of a leaf has that leaf's kernels and makes models of its own; any other class says
+    in `Solid.parts` what it stands for.
+    """
+    cls.name = cls.__name__.lower()
+    LEAF_NAMES[cls.name] = cls
     return cls
 
 

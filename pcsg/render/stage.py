@@ -129,7 +129,7 @@ def build_stage(
         camera=camera,
         lights=lights,
         sources=(*lights, *((sky,) if sky else ())),
-        emitters=make_emitters(scene.shining_balls(materials.strengths())),
+        emitters=make_emitters(scene.shining_covers(materials.strengths())),
         sky=sky or DARK,
         sun_is_seen=physical,
         materials=materials,

@@ -100,8 +100,8 @@ class RenderScene(Protocol):
         """Return the number of every named setting of a kind."""
         ...
 
-    def shining_balls(self, strengths: Floats) -> Floats:
-        """Return (K, 5) centre, radius and power of balls that cover what shines.
+    def shining_covers(self, strengths: Floats) -> Floats:
+        """Return (K, `COLUMNS`) covers of all that shines: see `pcsg.graph.shining`.
 
         Parameters
         ----------

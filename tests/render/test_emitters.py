@@ -6,17 +6,33 @@ import numpy as np
 import pytest
 
 import pcsg
+from pcsg.graph.shining import AXES, CENTER, COLUMNS, INVERSE, POWER, RADIUS, VOLUME
 from pcsg.render.emitters import Emitters
 from pcsg.render.job import Job
 from pcsg.render.options import Options
 from pcsg.render.sampler import sphere
 
-BALLS = np.array(
+
+def cover(center, radius, power, axes=None):
+    """Return a ball, or the box of half axes (3, 3)."""
+    row = np.zeros(COLUMNS)
+    row[CENTER], row[RADIUS], row[POWER] = center, radius, power
+    if axes is not None:
+        row[RADIUS] = np.abs(axes).sum()
+        row[VOLUME] = 8 * abs(np.linalg.det(axes))
+        row[AXES:INVERSE] = np.ravel(axes)
+        row[INVERSE:] = np.linalg.inv(np.transpose(axes)).ravel()
+    return row
+
+
+COVERS = np.array(
     [
-        [0.0, 0.0, 3.0, 1.0, 5.0],
-        [0.5, 0.2, 2.0, 0.3, 1.0],
-        [-2.0, 1.0, 0.0, 1e-3, 0.2],
-        [0.1, 0.0, 0.0, 0.5, 2.0],
+        cover((0.0, 0.0, 3.0), 1.0, 5.0),
+        cover((0.5, 0.2, 2.0), 0.3, 1.0),
+        cover((-2.0, 1.0, 0.0), 1e-3, 0.2),
+        cover((0.1, 0.0, 0.0), 0.5, 2.0),
+        cover((0.3, 0.1, 2.2), 0.0, 3.0, [[1.0, 0.2, 0.0], [-0.2, 0.8, 0.1], [0.0, 0.02, 0.05]]),
+        cover((3.0, 3.0, 1.0), 0.0, 3.0, [[0.5, 0.0, 0.0], [0.0, 0.0, 0.7], [0.0, 0.1, 0.0]]),
     ]
 )
 ROOM = """
@@ -39,7 +55,8 @@ SHAPES = {
     "ball": "move(0.2, 0.3, 2.6) uscale(0.3) sphere",
     "tube": "move(-1.5, 0.3, 2.6) roty(90) scale(0.05, 0.05, 3) cylinder",
     "carved": "move(0.2, 0.3, 2.6) uscale(0.4) (box - sphere)",
-    "inside": "move(0, 0, 4) scale(1.5, 1.5, 0.02) box",
+    "panel": "move(0, 0, 4) scale(1.5, 1.5, 0.02) box",
+    "sheet": "move(-1, -1, 3) uscale(2) tri1",
 }
 
 
@@ -60,7 +77,7 @@ def picture(scene, samples, *, mode="path", asked=True, seed=1, size=(24, 18)):
 @pytest.mark.parametrize("position", [(0.0, 0.0, 0.0), (4.0, 3.0, 1.0), (0.2, 0.1, 2.1)])
 def test_directions_have_the_density_that_is_told(position):
     """Means over drawn directions are integrals over all directions."""
-    emitters = Emitters(BALLS)
+    emitters = Emitters(COVERS)
     n = 1 << 16
     rng = np.random.default_rng(3)
     at = np.tile(np.array(position), (n, 1))
@@ -84,7 +101,7 @@ def test_directions_have_the_density_that_is_told(position):
 
 
 def test_far_small_balls_are_met():
-    emitters = Emitters(np.array([[1e4, 2e4, -3e4, 1e-3, 1.0]]))
+    emitters = Emitters(cover((1e4, 2e4, -3e4), 1e-3, 1.0)[None])
     at = np.random.default_rng(1).normal(size=(1000, 3))
     aim = emitters.aim(at, np.random.default_rng(2).random((1000, 2)))
     assert (aim.density > 0).mean() > 0.98

@@ -1,0 +1,192 @@
+"""Growing trees in grammars: ``tree("populus", t)``, and its wood and leaves by themselves.
+
+The wood is an implicit model and the leaves are a mesh: these words need no kernels of their own.
+Imported when a grammar is read, so it loads the model of growth only when a tree is named.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pcsg.errors import GrammarError, UsageError
+from pcsg.graph.build import LeafConstructor
+from pcsg.leaf.blob import Blob, BlobModel, BlobSource
+from pcsg.leaf.mesh import Mesh, MeshModel
+from pcsg.leaf.registry import Constant, LeafConstant, LeafParameter, Solid, word
+
+if TYPE_CHECKING:
+    from pcsg.growth.model import GrowthModel
+    from pcsg.growth.state import State
+
+_SPECIES = (LeafConstant("species", "the name of a species or of a .json file in quotes"),)
+_NUMBERS = (
+    LeafParameter("t", low=0.0, open_low=True),
+    LeafParameter("seed", 0.0, low=0.0, high=2.0**53),
+)
+
+STATES_KEPT = 8
+"""Instants of a species whose arrays are remembered: wood and leaves ask for the same ones."""
+
+
+class Growth(BlobSource):
+    """A species, whose trees are made for a time and a seed; 0 is the species' own seed."""
+
+    def __init__(self, name: str, text: str) -> None:
+        super().__init__(tuple(p.name for p in _NUMBERS))
+        self.name = name
+        self._text = text
+        self._trees: dict[int, GrowthModel] = {}
+        self._states: dict[tuple[float, ...], State] = {}
+        self._foliage: dict[tuple[float, ...], MeshModel] = {}
+
+    @property
+    def signature(self) -> object:
+        return self.name
+
+    @cached_property
+    def digest(self) -> str:
+        return hashlib.sha256(self._text.encode()).hexdigest()
+
+    @property
+    def text(self) -> str | None:
+        return f'"{self.name}"'
+
+    def state(self, values: Sequence[float]) -> State:
+        """Return the tree at a time, with a seed."""
+        from pcsg.growth.model import GrowthModel
+        from pcsg.growth.species import read_species
+
+        key = tuple(values)
+        if key not in self._states:
+            seed = int(key[1])
+            if seed not in self._trees:
+                species = read_species(self._text, self.name)
+                self._trees[seed] = GrowthModel(species, seed or None)
+            if len(self._states) >= STATES_KEPT:
+                self._states.pop(next(iter(self._states)))
+            self._states[key] = self._trees[seed].at(key[0])
+        return self._states[key]
+
+    def build(self, values: Sequence[float]) -> Any:
+        from pcsg.growth.wood import wood_field
+
+        return wood_field(self.state(values))
+
+    def foliage(self, values: Sequence[float]) -> MeshModel:
+        """Return the leaves at a time, with a seed."""
+        from pcsg.growth.foliage import foliage_mesh
+
+        key = tuple(values)
+        if key not in self._foliage:
+            if len(self._foliage) >= STATES_KEPT:
+                self._foliage.pop(next(iter(self._foliage)))
+            self._foliage[key] = MeshModel(foliage_mesh(self.state(values)), self.name)
+        return self._foliage[key]
+
+
+_READ: dict[tuple[str, str], Growth] = {}
+
+
+def read_growth(text: str, folder: Path) -> Growth:
+    """Return a species by its name, or by a file in a folder.
+
+    Raises
+    ------
+    UsageError
+        What is wrong with the file.
+    """
+    from pcsg.growth.species import read_species, shipped, species_text
+
+    name, content = species_text(text if text in shipped() else folder / text)
+    key = text, content
+    if key not in _READ:
+        try:
+            read_species(content, name)
+        except GrammarError as e:
+            raise UsageError(str(e)) from None
+        _READ[key] = Growth(text, content)
+    return _READ[key]
+
+
+@word
+class Wood(Blob):
+    """The wood of a growing tree: ``wood("populus", t)``; see `tree`."""
+
+    constants = _SPECIES
+    parameters = _NUMBERS
+
+    @classmethod
+    def read_constant(cls, text: str, folder: Path) -> Growth:
+        return read_growth(text, folder)
+
+    @classmethod
+    def take_arguments(cls, args: Sequence[Any]) -> tuple[tuple[Constant, ...], Sequence[Any]]:
+        return Solid.take_arguments.__func__(cls, args)  # type: ignore[attr-defined, no-any-return]
+
+    @classmethod
+    def parameters_of(cls, constants: Sequence[Constant]) -> tuple[LeafParameter, ...]:
+        return cls.parameters
+
+    @classmethod
+    def make_model(cls, constants: Sequence[Constant], args: Sequence[float]) -> BlobModel:
+        return _growth(constants).model(args)
+
+
+@word
+class Foliage(Mesh):
+    """The leaves of a growing tree: ``foliage("populus", t)``, sheets; see `tree`."""
+
+    constants = _SPECIES
+    parameters = _NUMBERS
+    sheet = True
+
+    @classmethod
+    def read_constant(cls, text: str, folder: Path) -> Growth:  # type: ignore[override]
+        return read_growth(text, folder)
+
+    @classmethod
+    def take_arguments(cls, args: Sequence[Any]) -> tuple[tuple[Constant, ...], Sequence[Any]]:
+        return Solid.take_arguments.__func__(cls, args)  # type: ignore[attr-defined, no-any-return]
+
+    @classmethod
+    def sheet_of(cls, constants: Sequence[Constant]) -> bool:
+        return True
+
+    @classmethod
+    def primitives_of(cls, constants: Sequence[Constant]) -> int:
+        return 1
+
+    @classmethod
+    def make_model(cls, constants: Sequence[Constant], args: Sequence[float]) -> MeshModel:
+        return _growth(constants).foliage(args)
+
+
+@word
+class Tree(Solid):
+    """A tree of any age: ``tree("populus", t)``, its wood and its leaves.
+
+    The name is that of a species which comes along, or of a .json file relative to the grammar's;
+    t is the time in years; a third number is the seed of another tree of the kind. Metres, the
+    foot at the origin, z up. Colours are the species'. See [growth.md](growth.md).
+    """
+
+    constants = _SPECIES
+    parameters = _NUMBERS
+    parts = (Wood, Foliage)
+
+    @classmethod
+    def read_constant(cls, text: str, folder: Path) -> Growth:
+        return read_growth(text, folder)
+
+
+def _growth(constants: Sequence[Constant]) -> Growth:
+    (growth,) = constants
+    assert isinstance(growth, Growth)
+    return growth
+
+
+tree, wood, foliage = LeafConstructor(Tree), LeafConstructor(Wood), LeafConstructor(Foliage)
