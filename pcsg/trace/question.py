@@ -81,7 +81,8 @@ def ask(
     -------
     state, u
         1 inside, 0 outside or `UNDECIDED`; it stays so on (t, u) at least. Infinite where nothing
-        happens up to the limit. The path kept for `level` leads to the end u.
+        happens up to the limit; beyond it only what is known of all that is asked. The path kept
+        for `level` leads to the end u.
     """
     entry_t, entry_ref, rays = scratch.entry_t, scratch.entry_ref, scratch.rays
     paths, small, frames, limits = scratch.paths, scratch.small, scratch.frames, scratch.limits
@@ -89,6 +90,7 @@ def ask(
     if level + 4 >= MAX_DEPTH or base >= STACK - 2 * WIDTH:
         return UNDECIDED, t
     beyond = t + tolerance(t)
+    alone = code & 7 == OPERATION
     frame = 0
     kept = PATH * (level + 1)
     paths[kept] = 0
@@ -197,8 +199,8 @@ def ask(
                 if found:
                     break
                 state = 0
-                # Beyond the limit something else may come first.
-                u = nearest if nearest <= limit else math.inf
+                # Beyond the limit something else may come first, if there is anything else.
+                u = nearest if nearest <= limit or (alone and frame == 0) else math.inf
             # A group has answered (state, u): to the caller, or to the operation that asked.
             if frame == 0:
                 return state, u
