@@ -26,7 +26,7 @@ from pcsg.vec import IDENTITY, Affine
 
 Floats = NDArray[np.float64]
 
-MOST_COVERS = 256
+MOST_COVERS = 64
 """Where the cut ends."""
 
 MOST_PIECES = 32
