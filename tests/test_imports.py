@@ -14,7 +14,18 @@ PACKAGE = Path(__file__).parent.parent / "pcsg"
 
 # What each room may use besides itself: everything of the lower floors, nothing of its own floor.
 FLOORS: list[set[str]] = [
-    {"errors", "catalogue", "jit", "vec", "indices", "simd", "slabs", "meshfile", "outputs"},
+    {
+        "errors",
+        "catalogue",
+        "machine",
+        "jit",
+        "vec",
+        "indices",
+        "simd",
+        "slabs",
+        "meshfile",
+        "outputs",
+    },
     {"blobtree"},
     {"leaf"},
     {"graph"},

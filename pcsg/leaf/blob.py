@@ -8,14 +8,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakValueDictionary
 
 import numpy as np
 
 from pcsg.blobtree.fields import T
 from pcsg.blobtree.layout import wide
-from pcsg.blobtree.model import Model as Fields
 from pcsg.blobtree.native import (
     DESCRIPTION,
     FIELD,
@@ -25,8 +24,6 @@ from pcsg.blobtree.native import (
     ask,
     reserve_floats,
 )
-from pcsg.blobtree.nodes import Field
-from pcsg.blobtree.plant import plant_of, read_text
 from pcsg.blobtree.points import ATTRIBUTE_COLUMNS, LABEL, U, V
 from pcsg.errors import UsageError
 from pcsg.jit import njit
@@ -43,6 +40,10 @@ from pcsg.leaf.registry import (
     leaf,
 )
 from pcsg.vec import Ray, Vec3
+
+if TYPE_CHECKING:
+    from pcsg.blobtree.model import Model as Fields
+    from pcsg.blobtree.nodes import Field
 
 
 class BlobModel(Model):
@@ -85,6 +86,9 @@ class BlobSource(Constant):
 
     def model(self, values: Sequence[float]) -> BlobModel:
         """Return the flattened field, the same one for the same values."""
+        # Most scenes have no blobs, and do without what makes them.
+        from pcsg.blobtree.model import Model as Fields
+
         key = tuple(values)
         found = self._models.get(key)
         if found is None:
@@ -112,6 +116,8 @@ class PlantSource(BlobSource):
         self._name = name
 
     def build(self, values: Sequence[float]) -> Field:
+        from pcsg.blobtree.plant import plant_of
+
         seed = int(values[0])
         return plant_of(self._text, self._name, seed if seed != 0 else None)
 
@@ -172,6 +178,8 @@ class Blob(Solid):
 
     @classmethod
     def read_constant(cls, text: str, folder: Path) -> BlobSource:
+        from pcsg.blobtree.plant import read_text
+
         path = folder / text
         key: tuple[object, ...] = (path,)
         with suppress(OSError, ValueError):  # the reader tells what is wrong
@@ -184,6 +192,8 @@ class Blob(Solid):
 
     @classmethod
     def take_arguments(cls, args: Sequence[Any]) -> tuple[tuple[Constant, ...], Sequence[Any]]:
+        from pcsg.blobtree.nodes import Field
+
         if args and isinstance(args[0], Field):
             return (FieldSource(args[0]),), args[1:]
         if args and isinstance(args[0], BlobSource):

@@ -20,7 +20,7 @@ from pcsg.render.integrators import (
     hazed,
     leave,
 )
-from pcsg.render.materials import Scattered, Surface
+from pcsg.render.materials import Scattered, Surface, largest
 from pcsg.render.sampler import Sampler
 from pcsg.render.stage import Stage
 from pcsg.render.tracer import Bools, Floats, Ints
@@ -142,7 +142,7 @@ class Path:
                 going = np.flatnonzero(~paths.matt)
             paths, surface = paths.take(going), surface.take(going)
             surface = surface.roughened(paths.least)
-            scale = np.maximum(np.abs(surface.position).max(axis=1), hits.t[at[going]])
+            scale = np.maximum(largest(np.abs(surface.position)), hits.t[at[going]])
             here = samples.take(paths.row)
             chances = self._chances(surface.position, depth)
             light, more = self._ask_lights(surface, scale, here, chances, depth)
@@ -203,7 +203,7 @@ class Path:
             asked = chance * sample.density
             weight = _weight(asked, reflected.density)
             light = reflected.light * sample.irradiance * (weight / chance)[:, None]
-            useful = np.flatnonzero(light.max(axis=1) > 0)
+            useful = np.flatnonzero(largest(light) > 0)
             blocked, more = find_blocked(
                 stage.tracer,
                 some.take(useful),
@@ -245,10 +245,10 @@ class Path:
         share = paths.share[on] * found.light[on] / found.density[on, None]
         if depth >= ROULETTE:
             luck = self.sampler.pairs(*samples.take(on), purpose + Purpose.CHOICE)[:, 1]
-            stay = np.clip(share.max(axis=1), 0.05, 0.95)
+            stay = np.clip(largest(share), 0.05, 0.95)
             lucky = np.flatnonzero(luck < stay)
             on, share = on[lucky], share[lucky] / stay[lucky, None]
-        bright = np.flatnonzero(share.max(axis=1) > 0)
+        bright = np.flatnonzero(largest(share) > 0)
         on, share = on[bright], share[bright]
         start = leave(self.stage.tracer, surface.take(on), scale[on], found.direction[on])
         free = np.flatnonzero(~start.closed)
@@ -286,7 +286,7 @@ class Path:
         if emitters is None:
             return emission
         total = np.zeros_like(emission)
-        met = np.flatnonzero(emission.max(axis=1) > 0)
+        met = np.flatnonzero(largest(emission) > 0)
         asked = paths.chances[-1, met] * emitters.density(paths.origins[met], paths.directions[met])
         total[met] = _weight(paths.density[met], asked)[:, None] * emission[met]
         return total
