@@ -35,7 +35,7 @@ material meadow { color = (0.16, 0.20, 0.08); roughness = 1; specular = 0 }
 ground { z = 0; material = meadow }
 """,
     ".json": """{ t = 12.6; seed = 0 }
-( material(bark) wood("NAME", t, seed) | material(leaf) foliage("NAME", t, seed) )
+( material(bark) tree_wood("NAME", t, seed) | material(leaf) tree_leaves("NAME", t, seed) )
 material bark { roughness = 0.95; specular = 0.15; relief = furrows; bump = 0.012 }
 texture furrows { kind = bark; scale = 0.35 }
 material leaf { roughness = 0.45; specular = 0.35; translucency = 0.5 }
