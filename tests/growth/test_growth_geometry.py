@@ -176,11 +176,6 @@ def populus() -> GrowthModel:
     return GrowthModel.load("populus")
 
 
-@pytest.fixture(scope="module")
-def grown(populus: GrowthModel) -> State:
-    return populus.at(27.0)
-
-
 @dataclass
 class Changes:
     place: float
@@ -249,48 +244,6 @@ def test_frames_change_little(populus: GrowthModel) -> None:
 
 
 # -- as trees are --
-
-
-def test_rows_keep_their_order(grown: State) -> None:
-    b, n, lat = grown.branches, grown.nodes, grown.laterals
-    assert (np.diff(b.order) >= 0).all() and b.parent[0] == -1
-    assert (b.parent[1:] < np.arange(1, len(b.parent))).all()
-    assert (b.first == np.cumsum(b.count) - b.count).all() and (b.count >= 2).all()
-    assert (n.branch == np.repeat(np.arange(len(b.first)), b.count)).all()
-    assert (n.branch[b.seat[1:]] == b.parent[1:]).all()
-    assert np.abs(n.position[b.first[1:]] - n.position[b.seat[1:]]).max() == 0.0
-    assert np.abs(np.linalg.norm(n.direction, axis=1) - 1.0).max() < 1e-12
-    assert (n.radius > 0.0).all() and (lat.radius <= 0.8 * lat.bearer_radius * (1 + 1e-9)).all()
-    assert len(np.unique(b.key)) == len(b.key)
-
-
-def test_nearly_all_branches_come_out_of_their_bearer(grown: State) -> None:
-    lat = grown.laterals
-    out = grown.branches.length[lat.branch] > lat.bearer_radius + 0.01
-    assert out.mean() >= 0.99
-
-
-def test_angles_of_first_year_laterals(populus: GrowthModel) -> None:
-    state = populus.at(14.0)
-    young = state.branches.born[state.laterals.branch] == 13
-    cosine = np.einsum("ij,ij->i", state.laterals.bearer, state.branches.start[1:])[young]
-    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    length = state.branches.length[1:][young]
-    assert young.sum() > 500 and angle.min() >= 30.0 and angle.max() <= 85.0
-    assert np.corrcoef(angle, length)[0, 1] < -0.9
-
-
-def test_long_branches_have_the_shape_of_an_s(grown: State) -> None:
-    b, n = grown.branches, grown.nodes
-    long = np.flatnonzero((b.order == 1) & (b.length > 8.0))
-    good = 0
-    for k in long.tolist():
-        rows = slice(b.first[k], b.first[k] + b.count[k])
-        away = n.position[rows] - n.position[b.first[k]]
-        towards = np.cross(b.axis[k], b.start[k])  # from h0 to the target
-        offset = away @ towards
-        good += bool(offset.min() < -0.05 and n.direction[rows][-1] @ towards > 0.0)
-    assert len(long) >= 10 and good >= 0.8 * len(long)
 
 
 def test_no_short_branches_inside(populus: GrowthModel) -> None:
