@@ -10,7 +10,7 @@ from pathlib import Path
 from PIL import Image
 
 from pcsg.growth.model import GrowthModel
-from pcsg.growth.pictures import frame_junction, frame_tree
+from pcsg.growth.pictures import frame_junction
 
 HERE = Path(__file__).parent
 GRAMMARS = HERE.parents[1] / "grammars"
@@ -32,16 +32,10 @@ def ages() -> None:
 
 
 def seasons() -> None:
-    """Eight times of the year 12, two rows of four."""
-    size = 240, 300
-    camera = frame_tree(GrowthModel.load("populus").at(11.7), size[0] / size[1])
-    stills(
-        "growth-seasons.png",
-        [(11.0 + tau, camera.keys) for tau in SEASONS],
-        size,
-        across=4,
-        samples=12,
-    )
+    """The top of the crown at eight times of the year 12, two rows of four."""
+    camera = "eye=2.2,-3.8,10.9 target=0,0,11.3 fov=30"
+    shots = [(11.0 + tau, camera) for tau in SEASONS]
+    stills("growth-seasons.png", shots, (240, 280), across=4, samples=16)
 
 
 def junction() -> None:
@@ -63,7 +57,8 @@ def stills(
                  "--size", f"{size[0]}x{size[1]}", "--samples", str(samples), "-q")  # fmt: skip
             with Image.open(place) as still:
                 sheet.paste(still, (k % across * size[0], k // across * size[1]))
-    sheet.save(HERE / name, optimize=True)
+    # 256 colours keep the file small, and are enough for stills of this size.
+    sheet.quantize(256, dither=Image.Dither.FLOYDSTEINBERG).save(HERE / name, optimize=True)
 
 
 PICTURES = {f.__name__: f for f in (curves, ages, seasons, junction)}

@@ -46,7 +46,7 @@ ground { z = 0; material = meadow }
 
 GROWING = """{ t = 12.6; seed = 0 }
 ( material(bark) tree_wood("NAME", t, seed) | material(leaf) tree_leaves("NAME", t, seed) )
-material bark { roughness = 0.95; specular = 0.15; relief = furrows; bump = 0.012 }
+material bark { roughness = 0.95; specular = 0.15; relief = furrows; bump = 0.005 }
 texture furrows { kind = bark; scale = 0.35 }
 material leaf { roughness = 0.45; specular = 0.35; translucency = 0.5 }
 material meadow { color = (0.13, 0.18, 0.06); roughness = 1; specular = 0 }

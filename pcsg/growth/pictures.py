@@ -71,6 +71,9 @@ def frame_junction(model: GrowthModel, born: int = 2, years: float = 10.0) -> tu
     r_p = float(lat.bearer_radius[k])
     sideways = np.cross(d, c)
     sideways /= np.linalg.norm(sideways)
+    angle = math.radians(AZIMUTH)
+    if sideways[0] * math.cos(angle) + sideways[1] * math.sin(angle) < 0.0:
+        sideways = -sideways  # the sun stands behind the camera
     # From the side, a little from where the lateral points to, so that its axil is seen into.
     look = sideways + 0.45 * c / np.linalg.norm(c) + 0.15 * d
     look /= np.linalg.norm(look)
