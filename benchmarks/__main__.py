@@ -9,17 +9,7 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import (
-    blobs,
-    detail,
-    growth,
-    mesh,
-    modes,
-    operations,
-    pictures,
-    rays,
-    trees,
-)
+from benchmarks import blobs, detail, growth, mesh, modes, operations, pictures, rays, trees, wood
 from benchmarks.report import Effort, Subject, describe_machine, lines_of
 from benchmarks.results import merge
 
@@ -41,9 +31,10 @@ SUBJECTS: tuple[Subject, ...] = (
     pictures.PICTURES,
     pictures.STARTUP,
     blobs.BLOBS,
-    growth.GROWTH,
-    growth.GRIDS,
-    growth.FRAMES,
+    growth.INSTANTS,
+    wood.WOOD,
+    wood.GRIDS,
+    wood.FRAMES,
 )
 RESULTS = Path(__file__).parent / "RESULTS.md"
 

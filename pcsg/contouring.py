@@ -1,9 +1,4 @@
-"""Triangle meshes of any solid: marching cubes, with vertices where rays cross the surface.
-
-Whether points of a grid are inside decides the topology (Lorensen and Cline 1987), so that the mesh
-is closed; a ray along the edge of the grid finds the place of each vertex, so that it lies on the
-surface however coarse the grid.
-"""
+"""Triangle meshes of any solid: marching cubes, with vertices where rays cross the surface."""
 
 from __future__ import annotations
 
@@ -12,8 +7,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.errors import EnvironmentFault, UsageError
-from pcsg.trace.hits import Hits
+from pcsg.errors import UsageError
+from pcsg.marching import march
+from pcsg.trace.hits import Hits, Spans
 
 Floats = NDArray[np.float64]
 
@@ -26,8 +22,8 @@ class Solid(Protocol):
         """(2, 3) corners of the box about it."""
         ...
 
-    def contains(self, points: Floats) -> NDArray[np.bool_]:
-        """Return which points (N, 3) are inside."""
+    def spans(self, origins: Floats, directions: Floats) -> Spans:
+        """Return the inside intervals of rays."""
         ...
 
     def intersect(self, origins: Floats, directions: Floats, t_min: float, t_max: float) -> Hits:
@@ -60,10 +56,6 @@ def contour(solid: Solid, resolution: int = 64) -> tuple[Floats, NDArray[np.int6
     """
     if not 2 <= resolution <= 1_024:
         raise UsageError(f"the resolution must lie between 2 and 1024, not {resolution}")
-    try:
-        from skimage.measure import marching_cubes
-    except ImportError:
-        raise EnvironmentFault("contouring needs scikit-image: pip install 'pcsg[mesh]'") from None
     low, high = solid.bounds
     if not (np.isfinite(solid.bounds).all() and (low <= high).all()):
         raise UsageError("a scene without bounds cannot be contoured")
@@ -71,20 +63,18 @@ def contour(solid: Solid, resolution: int = 64) -> tuple[Floats, NDArray[np.int6
     # Uneven, so that faces of the scene do not lie in the grid's planes.
     low = low - np.array([1.37, 1.43, 1.31]) * cell
     shape = np.ceil((high - low) / cell).astype(np.int64) + 3
-    inside = np.zeros(shape, np.float32)
-    y, z = (a.ravel() for a in np.meshgrid(*map(np.arange, shape[1:]), indexing="ij"))
-    for x in range(shape[0]):
-        points = low + cell * np.column_stack([np.full(len(y), x), y, z])
-        inside[x] = solid.contains(points).reshape(shape[1:])
-    if not inside.any():
+
+    def columns(o: Floats, d: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
+        found = solid.spans(o, d)
+        return found.offsets, found.t_in, found.t_out
+
+    def first(o: Floats, d: Floats) -> Floats:
+        return solid.intersect(o, d, 0.0, 1.0).t
+
+    vertices, faces = march(low, cell, shape, columns, first)
+    if not len(faces):
         raise UsageError(f"nothing is as thick as a cell at a resolution of {resolution}")
-    places, faces, _, _ = marching_cubes(inside, 0.5, gradient_direction="ascent")
-    begin = np.floor(places)
-    origins, directions = low + cell * begin, cell * np.ceil(places) - cell * begin
-    hits = solid.intersect(origins, directions, 0.0, 1.0)
-    # Where rounding hides the crossing the middle of the edge will do.
-    t = np.where(np.isfinite(hits.t), hits.t, 0.5)
-    return origins + t[:, None] * directions, faces.astype(np.int64)
+    return vertices, faces
 
 
 def write_triangles(vertices: Floats, faces: NDArray[np.int64]) -> bytes:

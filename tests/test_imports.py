@@ -25,6 +25,8 @@ FLOORS: list[set[str]] = [
         "slabs",
         "meshfile",
         "outputs",
+        "skeletonfile",
+        "marching",
     },
     {"blobtree"},
     {"leaf"},

@@ -9,7 +9,9 @@ from importlib import import_module
 from typing import Any
 
 _HOMES = {
+    "Areas": "areas",
     "Field": "nodes",
+    "Junctions": "tree",
     "Model": "model",
     "bend": "nodes",
     "box": "nodes",
@@ -20,8 +22,10 @@ _HOMES = {
     "convolution_segment": "nodes",
     "disc": "nodes",
     "gbb": "nodes",
+    "grow": "tree",
     "intersect": "nodes",
     "joint": "nodes",
+    "junction_areas": "areas",
     "label": "nodes",
     "pcm": "nodes",
     "place": "nodes",
@@ -29,6 +33,7 @@ _HOMES = {
     "polygon": "nodes",
     "r_intersect": "nodes",
     "r_union": "nodes",
+    "read_skeleton": "lines",
     "ricci": "nodes",
     "segment": "nodes",
     "subtract": "nodes",

@@ -13,6 +13,9 @@ from pcsg.errors import UsageError
 Array = NDArray[np.float64]
 Corners = tuple[Array, Array]
 
+LARGEST = 1e30
+"""Boxes that reach farther lose their meaning in single precision."""
+
 NOTHING: Corners = (np.full(3, math.inf), np.full(3, -math.inf))
 
 
@@ -90,7 +93,12 @@ def _box_of(node: Field, found: dict[int, tuple[Corners, Corners]]) -> tuple[Cor
         support, core = found[id(node.child)]
         if is_empty(support):
             return support, core
-        *_, image = node.warp.constants(node.args, range_of(node, core), support)
+        try:
+            *_, image = node.warp.constants(node.args, range_of(node, core), support)
+        except OverflowError:
+            image = np.full(3, -math.inf), np.full(3, math.inf)
+        if not np.abs(np.stack(image)).max() < LARGEST:
+            raise UsageError(f"`{node.warp.name}` over so many warps has no known bounds")
         return image, core
     if isinstance(node, Combination):
         return _combined(node, found)

@@ -215,10 +215,11 @@ class Flattener:
         skeleton, args = node.skeleton, node.args
         reach = skeleton.reach(args)
         similar = _similarity(at.matrix) if not at.links else None
-        if at.weight == 1.0 and skeleton.slim and similar is not None:
+        if at.weight == 1.0 and skeleton.slim and similar is not None and similar[1] > 0.0:
+            # Not mirrored: a slim row knows no other way round its axis.
             length, foot = skeleton.slim_row(args)
-            axis = similar[1] * at.matrix[:, 2] / similar[0]
             scale = similar[0]
+            axis = at.matrix[:, 2] / scale
             # A length of zero keeps the direction; the reach's sign says so.
             vector = axis * (scale * length if length > 0.0 else 1.0)
             signed = scale * reach * (1.0 if length > 0.0 else -1.0)
@@ -226,7 +227,7 @@ class Flattener:
             lower, upper = cone_boxes(row[:, :3], row[:, 3:6], row[:, 6], row[:, 7])
             about = skeleton.kind + SLIM + ATTRIBUTES * at.attributes
             turn = _turn_of(at.matrix[:, 0] / scale, axis)
-            uv = np.array([[turn, 0.0]], np.float32)
+            uv = np.array([[-turn, 0.0]], np.float32)
             self._add(row, about, at, lower, upper, uv)
             return
         support = self.boxes[id(node)][0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -27,6 +29,22 @@ LEAF_OUTLINE = np.array(
 SETTINGS = ("junctions", "bark", "leaves", "bend", "tip", "printed", "seed", "thickness")
 
 
+def read_plain(path: Path) -> str:
+    """Return the text of a file that a grammar names.
+
+    Raises
+    ------
+    UsageError
+        It cannot be read.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise UsageError(f"there is no file `{path.name}`") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"cannot read `{path.name}`: {error}") from None
+
+
 def read_text(path: Path) -> str:
     """Return the text of an L-system's file, after a look at its lines.
 
@@ -35,37 +53,45 @@ def read_text(path: Path) -> str:
     UsageError
         It cannot be read, or a line is not understood.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise UsageError(f"there is no file `{path.name}`") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"cannot read `{path.name}`: {error}") from None
+    text = read_plain(path)
     read_lsystem(text, path.name)
     return text
 
 
 def plant_of(text: str, name: str = "<text>", seed: int | None = None) -> Field:
     """Return the field of the plant that an L-system's text describes."""
-    system = read_lsystem(text, name, 0 if seed is None else seed)
-    unknown = [s for s in system.settings if s not in SETTINGS]
-    if unknown:
-        raise UsageError(f"{name}: unknown setting `{unknown[0]}`; there are {', '.join(SETTINGS)}")
-    if seed is None and "seed" in system.settings:
-        system = read_lsystem(text, name, int(_numbers(system, name, "seed", (0.0,))[0]))
+    with _told(name):
+        return assemble(*_drawn(text, name, seed), name)
+
+
+def drawing_of(text: str, name: str = "<text>", seed: int | None = None) -> Drawing:
+    """Return skeleton, leaves and polygons of the plant that an L-system's text describes."""
+    with _told(name):
+        return _drawn(text, name, seed)[0]
+
+
+@contextmanager
+def _told(name: str) -> Iterator[None]:
     try:
-        drawing = draw(
-            system.derive(),
-            system.constants.get("angle", 30.0),
-            system.constants.get("width", 0.1),
-        )
-        return assemble(drawing, system, name)
+        yield
     except UsageError as error:
-        raise UsageError(f"{name}: {error}") from None
+        told = str(error)
+        raise UsageError(told if told.startswith(name) else f"{name}: {told}") from None
     except (ArithmeticError, ValueError) as error:
         raise UsageError(f"{name}: a number cannot be computed: {error}") from None
     except MemoryError:
         raise EnvironmentFault(f"{name}: not enough memory for its string") from None
+
+
+def _drawn(text: str, name: str, seed: int | None) -> tuple[Drawing, LSystem]:
+    system = read_lsystem(text, name, 0 if seed is None else seed)
+    unknown = [s for s in system.settings if s not in SETTINGS]
+    if unknown:
+        raise UsageError(f"unknown setting `{unknown[0]}`; there are {', '.join(SETTINGS)}")
+    if seed is None and "seed" in system.settings:
+        system = read_lsystem(text, name, int(_numbers(system, name, "seed", (0.0,))[0]))
+    angle, width = system.constants.get("angle", 30.0), system.constants.get("width", 0.1)
+    return draw(system.derive(), angle, width), system
 
 
 def _numbers(

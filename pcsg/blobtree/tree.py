@@ -10,11 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.blobtree.fields import REACH
+from pcsg.blobtree.frames import carried_turns
 from pcsg.blobtree.nodes import (
     Cones,
     Field,
@@ -50,8 +52,9 @@ class Junctions:
         ``smooth`` (sum), ``contact`` (branches of one node press each other) or ``aged`` (they
         press each other in the upper angle only, where the ridge of bark is).
     printed
-        Shorten the lower internode by 1.75 times the top radius of the upper one, as the papers
-        print, instead of its mean radius, which bulges less where branches taper.
+        Shorten the lower internode by 1.75 times the top radius of the upper one, and by 2.75 times
+        the base radius at forks, as the papers print, instead of by the geometric mean of both,
+        which is nearest to no bulge and no notch where branches taper.
     bend
         Angle by which laterals are bent: first away from their bearer, then back.
     tip
@@ -133,9 +136,18 @@ class _Plan:
         self.cut = np.minimum(self.cut, (1.0 - SHORTEST) * self.length)
         self.shift = np.minimum(self.shift, 0.5 * self.length)
 
+    @cached_property
+    def coordinates(self) -> tuple[Array, Array]:
+        """Turns from every internode's own frame to u = 0, and lengths of axes below (N,)."""
+        below = np.where(self.s.lateral, -1, self.s.parent)
+        along = np.zeros(len(self.base))
+        for k in np.flatnonzero(below >= 0).tolist():
+            along[k] = along[below[k]] + self.length[below[k]]
+        return carried_turns(self.axis, below), along
+
     def joined(self, k: int) -> float:
         """Return how much the internode below the k-th is shortened by its radius."""
-        radius = self.top[k] if self.j.printed else 0.5 * (self.base[k] + self.top[k])
+        radius = self.top[k] if self.j.printed else math.sqrt(self.base[k] * self.top[k])
         return float(1.75 * radius)
 
     def _offset(self, a: int, children: Sequence[int]) -> None:
@@ -147,7 +159,8 @@ class _Plan:
             return
         most = max(float(self.base[c]) for c in children)
         if self.j.mode == CONTACT:
-            self.cut[a] = max(2.75 * most - r_a, 0.0)
+            reach = 1.75 * most if self.j.printed else max(self.joined(c) for c in children)
+            self.cut[a] = max(reach + most - r_a, 0.0)
             for c in children:
                 self.shift[c] = max(r_a - float(self.base[c]), 0.0)
             return
@@ -217,20 +230,13 @@ def _wood(plan: _Plan, numbers: Sequence[int]) -> Field:
 
 
 def _coordinates(plan: _Plan, k: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return turns to add to u, and v at the foot: the length along the axis from its beginning."""
-    return np.stack([np.zeros(len(k)), plan_lengths(plan)[k]], axis=1).astype(np.float32)
+    """Return turns to add to u, and v at the foot.
 
-
-def plan_lengths(plan: _Plan) -> Array:
-    """Return the length of the axis below every internode."""
-    if not hasattr(plan, "_along"):
-        along = np.zeros(len(plan.base))
-        for k, parent in enumerate(plan.s.parent.tolist()):
-            if parent >= 0 and not plan.s.lateral[k]:
-                along[k] = along[parent] + plan.length[parent]
-        plan._along = along  # type: ignore[attr-defined]
-    found: Array = plan._along  # type: ignore[attr-defined]
-    return found
+    u is 0 along a line that is carried without a twist from internode to internode of an axis, and
+    v is the length of the axis from its beginning.
+    """
+    turns, along = plan.coordinates
+    return np.stack([turns[k], (along + plan.shift)[k]], axis=1).astype(np.float32)
 
 
 def _is_bent(plan: _Plan, k: int) -> bool:

@@ -42,9 +42,10 @@ class ComposeArguments:
 def run(arguments: ComposeArguments) -> None:
     """Compose trees and write them, as skeletons or as meshes."""
     from pcsg.outputs import check_output
+    from pcsg.skeletonfile import SKELETON_ENDINGS
     from pcsg.treemesh import save_skeleton, tree_surface
     from pcsg.treemesh.composition import CompositionOptions, compose
-    from pcsg.treemesh.files import SKELETON_ENDINGS, WRITERS
+    from pcsg.treemesh.files import WRITERS
     from pcsg.treemesh.library import Library
 
     if arguments.count < 1:

@@ -235,7 +235,8 @@ def run_export(name: str, output: Path, t: float | None, seed: int | None, quiet
     """Write the skeleton of a tree at a time, or the species itself."""
     from pcsg.growth.species import species_text
     from pcsg.outputs import check_output, write_whole
-    from pcsg.treemesh.files import SKELETON_ENDINGS, save_skeleton
+    from pcsg.skeletonfile import SKELETON_ENDINGS
+    from pcsg.treemesh.files import save_skeleton
 
     if t is None:
         check_output(output, (".json",))

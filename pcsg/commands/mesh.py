@@ -161,7 +161,8 @@ def _write_contour(given: Input, wanted: Output, file: Path) -> None:
 def run_skeleton(given: Input, file: Path | None, quiet: bool, as_json: bool) -> None:
     """Find a skeleton and write it."""
     from pcsg.outputs import check_output
-    from pcsg.treemesh.files import SKELETON_ENDINGS, save_skeleton
+    from pcsg.skeletonfile import SKELETON_ENDINGS
+    from pcsg.treemesh.files import save_skeleton
 
     file = file or Path(given.file.stem + ".json")
     check_output(file, SKELETON_ENDINGS)
@@ -205,7 +206,8 @@ def open_skeleton(given: Input) -> tuple[Skeleton, list[str]]:
 
 
 def _read(given: Input) -> tuple[Skeleton, list[str]]:
-    from pcsg.treemesh.files import SKELETON_ENDINGS, load_skeleton
+    from pcsg.skeletonfile import SKELETON_ENDINGS
+    from pcsg.treemesh.files import load_skeleton
     from pcsg.treemesh.meshes import extract
 
     ending = given.file.suffix.lower()
@@ -225,14 +227,14 @@ def _read(given: Input) -> tuple[Skeleton, list[str]]:
 
 def _is_species(file: Path) -> bool:
     """Return whether a file is a growing tree's, or its name that of a shipped one."""
+    from pcsg.growth.leaf import is_species
     from pcsg.growth.species import shipped
 
     if str(file) in shipped():
         return True
     if file.suffix.lower() != ".json" or not file.is_file():
         return False
-    text = file.read_text("utf-8", errors="replace")
-    return '"curves"' in text or '"species"' in text
+    return is_species(file.read_text("utf-8", errors="replace"))
 
 
 def _grown(given: Input) -> Skeleton:

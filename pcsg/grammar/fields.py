@@ -143,30 +143,55 @@ def _read_by_name(names: Names, name: str, live: Mapping[str, frozenset[str]]) -
 
 
 def _read_by(solid: Solid, names: Names, live: Mapping[str, frozenset[str]]) -> frozenset[str]:
+    """Return what an expression reads; with an explicit stack, since texts may nest deeply."""
+    done: list[set[str]] = []
+    work: list[tuple[Solid, bool]] = [(solid, False)]
+    while work:
+        part, below_done = work.pop()
+        below = _operands(part)
+        if below and not below_done:
+            work.append((part, True))
+            work += [(operand, False) for operand in below]
+            continue
+        found: set[str] = set()
+        if below:
+            found = found.union(*done[len(done) - len(below) :])
+            del done[len(done) - len(below) :]
+        done.append(_with_own(part, found, names, live))
+    return frozenset(done[0])
+
+
+def _operands(solid: Solid) -> Sequence[Solid]:
     if isinstance(solid, syntax.Combination):
-        return frozenset().union(*(_read_by(o, names, live) for o in solid.operands))
+        return solid.operands
     if isinstance(solid, (syntax.Blob, syntax.BlendUse)):
-        below: frozenset[str] = frozenset()
-        below = below.union(*(_read_by(f, names, live) for f in solid.fields))
-        return below | parameters_of(*solid.arguments.values)
+        return solid.fields
+    return (solid.operand,) if isinstance(solid, syntax.Prefixed) else ()
+
+
+def _with_own(
+    solid: Solid, below: set[str], names: Names, live: Mapping[str, frozenset[str]]
+) -> set[str]:
+    """Return what a part reads by itself, and what its operands leave open."""
+    if isinstance(solid, syntax.Combination):
+        return below
     if isinstance(solid, syntax.Prefixed):
-        found = set(_read_by(solid.operand, names, live))
         for prefix in reversed(solid.prefixes):
             if isinstance(prefix, syntax.Block):
                 for name, expr in reversed(prefix.assignments):
-                    found.discard(name.text)
-                    found |= parameters_of(expr)
+                    below.discard(name.text)
+                    below |= parameters_of(expr)
             elif not (prefix.attribute and ATTRIBUTES[prefix.name].refers_to):
-                found |= parameters_of(*prefix.arguments.values)
-        return frozenset(found)
-    if isinstance(solid, syntax.Primitive):
-        return frozenset(parameters_of(*solid.arguments.values))
+                below |= parameters_of(*prefix.arguments.values)
+        return below
     given = parameters_of(*solid.arguments.values) if solid.arguments else frozenset()
+    if not isinstance(solid, syntax.Use):
+        return below | given
     of_name = live.get(solid.name, frozenset())
     entry = names.modules.get(solid.name)
     if solid.arguments is not None and entry is not None and entry.formals:
         of_name = of_name - set(entry.formals)
-    return frozenset(of_name | given)
+    return {*of_name, *given}
 
 
 class GrammarBlob(BlobSource):

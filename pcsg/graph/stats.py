@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +10,9 @@ from typing import Any
 from pcsg.graph.bounds import HyperBoxes, hyper_boxes
 from pcsg.graph.counts import count_primitives
 from pcsg.graph.graph import Graph
-from pcsg.graph.states import StateGraph, enumerate_states
+from pcsg.graph.nodes import Leaf
+from pcsg.graph.states import LeafItem, StateGraph, enumerate_states
+from pcsg.leaf.blob import BlobSource
 from pcsg.leaf.registry import Box
 
 
@@ -37,7 +40,9 @@ def graph_stats(
         ``nodes`` by kind and in total, ``edges``, ``parameters``, ``states`` (None where they are
         more than the budget), ``primitives`` (an exact integer of any size, None where the
         derivation does not end), ``boxes`` (exact, interval or unbounded), ``bounds`` and
-        ``scene_bounds`` (lower and upper corner; None where infinite or empty), ``bytes``.
+        ``scene_bounds`` (lower and upper corner; None where infinite or empty), ``bytes``; where
+        there are trees of skeletons, ``junctions``: their number, at how many the branches are
+        together thicker than their bearer, and the greatest and mean ratio of sum r_i^2 to r_A^2.
     """
     states = states or enumerate_states(graph, globals_values)
     boxes = boxes or hyper_boxes(graph, globals_values, states)
@@ -52,7 +57,30 @@ def graph_stats(
         "bounds": _corners(boxes.scene),
         "scene_bounds": _corners(boxes.scene_box),
         "bytes": {"boxes": boxes.boxes.nbytes, **(nbytes or {})},
+        **_junctions(graph, states),
     }
+
+
+def _junctions(graph: Graph, states: StateGraph) -> dict[str, Any]:
+    """Return the junctions of all trees; nothing where there is none."""
+    trees = {
+        (item.node, item.args)
+        for state in states.states
+        for item in state.content or ()
+        if isinstance(item, LeafItem)
+    }
+    ratios: list[float] = []
+    for number, args in sorted(trees):
+        node = graph.nodes[number]
+        for constant in node.constants if isinstance(node, Leaf) else ():
+            areas = constant.junctions(args) if isinstance(constant, BlobSource) else None
+            ratios += areas.ratio.tolist() if areas is not None else []
+    if not ratios:
+        return {}
+    thicker = sum(r > 1.0 + 1e-9 for r in ratios)
+    mean = math.fsum(ratios) / len(ratios)
+    found = {"total": len(ratios), "thicker": thicker, "greatest": max(ratios), "mean": mean}
+    return {"junctions": found}
 
 
 def _corners(box: Box) -> list[list[float | None]] | None:

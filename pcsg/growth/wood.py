@@ -10,12 +10,14 @@ need be joined to others while a tree grows.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.blobtree.boxes import along_curve
 from pcsg.blobtree.fields import REACH
+from pcsg.blobtree.frames import carried_turns
 from pcsg.blobtree.nodes import Cones, Field, joint, paint, place, point, total, weight
 from pcsg.growth.curves import smooth_step
 from pcsg.growth.relief import Relief, find_relief
@@ -67,10 +69,18 @@ class Pieces:
     def __len__(self) -> int:
         return len(self.branch)
 
+    @cached_property
+    def turns(self) -> Floats:
+        """Turns to add to u, so that u = 0 is one line along a branch, (P,)."""
+        axis = self.end - self.start
+        axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-300)[:, None]
+        same = np.diff(self.branch, prepend=-1) == 0
+        return carried_turns(axis, np.where(same, np.arange(len(self)) - 1, -1))
+
     def cones(self, rows: Ints, blend: str = "union") -> Cones:
         """Return the field of some of them."""
         base, top = self.base[rows], self.top[rows]
-        uv = np.stack([np.zeros(len(rows)), self.along[rows]], axis=1).astype(np.float32)
+        uv = np.stack([self.turns[rows], self.along[rows]], axis=1).astype(np.float32)
         return Cones(
             self.start[rows], self.end[rows] - self.start[rows], base - top, REACH * top, uv, blend
         )

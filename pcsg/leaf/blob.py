@@ -1,4 +1,4 @@
-"""Implicit models as leaves: blobs, and trees that L-systems draw."""
+"""Implicit models as leaves: blobs, and trees of L-systems and of skeletons."""
 
 from __future__ import annotations
 
@@ -39,9 +39,11 @@ from pcsg.leaf.registry import (
     Solid,
     leaf,
 )
+from pcsg.skeletonfile import SKELETON_ENDINGS, parse_rows
 from pcsg.vec import Ray, Vec3
 
 if TYPE_CHECKING:
+    from pcsg.blobtree.areas import Areas
     from pcsg.blobtree.model import Model as Fields
     from pcsg.blobtree.nodes import Field
 
@@ -84,6 +86,10 @@ class BlobSource(Constant):
         """Return what it counts for in primitive equivalents."""
         return 1
 
+    def junctions(self, values: Sequence[float]) -> Areas | None:
+        """Return the areas at a tree's junctions; None for what is made of no skeleton."""
+        return None
+
     def model(self, values: Sequence[float]) -> BlobModel:
         """Return the flattened field, the same one for the same values."""
         # Most scenes have no blobs, and do without what makes them.
@@ -107,19 +113,15 @@ class FieldSource(BlobSource):
         return self._field
 
 
-class PlantSource(BlobSource):
-    """The trees that the L-system of a file draws, one for each seed."""
+class FileSource(BlobSource):
+    """What a file tells; its parameters have defaults."""
 
-    def __init__(self, text: str, name: str) -> None:
-        super().__init__(("seed",))
+    defaults: tuple[float, ...] = ()
+
+    def __init__(self, text: str, name: str, parameters: Sequence[str]) -> None:
+        super().__init__(parameters)
         self._text = text
         self._name = name
-
-    def build(self, values: Sequence[float]) -> Field:
-        from pcsg.blobtree.plant import plant_of
-
-        seed = int(values[0])
-        return plant_of(self._text, self._name, seed if seed != 0 else None)
 
     @property
     def signature(self) -> object:
@@ -134,7 +136,62 @@ class PlantSource(BlobSource):
         return f'"{self._name}"'
 
 
-_READ: WeakValueDictionary[tuple[object, ...], PlantSource] = WeakValueDictionary()
+class PlantSource(FileSource):
+    """The trees that the L-system of a file draws, one for each seed."""
+
+    defaults = (0.0,)
+
+    def __init__(self, text: str, name: str) -> None:
+        super().__init__(text, name, ("seed",))
+
+    def build(self, values: Sequence[float]) -> Field:
+        from pcsg.blobtree.plant import plant_of
+
+        return plant_of(self._text, self._name, self._seed(values))
+
+    def junctions(self, values: Sequence[float]) -> Areas | None:
+        from pcsg.blobtree.areas import junction_areas
+        from pcsg.blobtree.plant import drawing_of
+
+        return junction_areas(drawing_of(self._text, self._name, self._seed(values)).skeleton)
+
+    def _seed(self, values: Sequence[float]) -> int | None:
+        return int(values[0]) if values[0] != 0.0 else None
+
+
+class SkeletonSource(FileSource):
+    """The tree of a skeleton's file, with junctions of a mode's number, and bent laterals."""
+
+    defaults = (1.0, 0.0)
+
+    def __init__(self, text: str, name: str) -> None:
+        from pcsg.blobtree.lines import internodes
+
+        super().__init__(text, name, ("junctions", "bend"))
+        try:
+            self._skeleton = internodes(parse_rows(text, name))
+        except UsageError as error:
+            told = str(error)
+            raise UsageError(told if told.startswith(name) else f"{name}: {told}") from None
+
+    def build(self, values: Sequence[float]) -> Field:
+        from pcsg.blobtree.nodes import color
+        from pcsg.blobtree.plant import BARK
+        from pcsg.blobtree.tree import MODES, Junctions, grow
+
+        mode, bend = values
+        if mode not in range(len(MODES)):
+            known = ", ".join(f"{k} {name}" for k, name in enumerate(MODES))
+            raise UsageError(f"{self._name}: junctions are {known}, not {mode:g}")
+        return color(*BARK, grow(self._skeleton, Junctions(mode=MODES[int(mode)], bend=bend)))
+
+    def junctions(self, values: Sequence[float]) -> Areas | None:
+        from pcsg.blobtree.areas import junction_areas
+
+        return junction_areas(self._skeleton)
+
+
+_READ: WeakValueDictionary[tuple[object, ...], FileSource] = WeakValueDictionary()
 
 
 @njit
@@ -162,11 +219,12 @@ def ask_blob(
 
 @leaf
 class Blob(Solid):
-    """An implicit model: ``blob { ... }``, or ``blob("oak.lsys")``, a tree that an L-system draws.
+    """An implicit model: ``blob { ... }``, or ``blob("oak.lsys")``, the tree of a file.
 
     The points where a field of skeletons is 0.5 or more; see [blobtree.md](blobtree.md). The name
-    of a file is relative to the grammar's; a number after it is the seed of another tree of the
-    kind.
+    of a file is relative to the grammar's. A number after that of an L-system is the seed of
+    another tree of the kind. A skeleton (``.swc``, ``.json``) takes two: junctions are smooth (0),
+    in contact (1, the default) or aged (2), and laterals are bent by an angle.
 
     In Python, ``blob(field)``, a field of `pcsg.blobtree`, or ``blob("oak.lsys")``.
 
@@ -174,11 +232,13 @@ class Blob(Solid):
     the axis, in turns, and v along it.
     """
 
-    constants = (LeafConstant("model", "an expression of fields in braces, or an .lsys file"),)
+    constants = (
+        LeafConstant("model", "an expression of fields in braces, or an .lsys, .swc or .json file"),
+    )
 
     @classmethod
     def read_constant(cls, text: str, folder: Path) -> BlobSource:
-        from pcsg.blobtree.plant import read_text
+        from pcsg.blobtree.plant import read_plain, read_text
 
         path = folder / text
         key: tuple[object, ...] = (path,)
@@ -187,7 +247,11 @@ class Blob(Solid):
             key = path.resolve(), about.st_mtime_ns, about.st_size, text
         found = _READ.get(key)
         if found is None:
-            found = _READ[key] = PlantSource(read_text(path), text)
+            if path.suffix.lower() in SKELETON_ENDINGS:
+                found = SkeletonSource(read_plain(path), text)
+            else:
+                found = PlantSource(read_text(path), text)
+            _READ[key] = found
         return found
 
     @classmethod
@@ -203,8 +267,10 @@ class Blob(Solid):
     @classmethod
     def parameters_of(cls, constants: Sequence[Constant]) -> tuple[LeafParameter, ...]:
         source = _source(constants)
-        default = 0.0 if isinstance(source, PlantSource) else None
-        return tuple(LeafParameter(name, default) for name in source.parameters)
+        if isinstance(source, FileSource):
+            given = zip(source.parameters, source.defaults, strict=True)
+            return tuple(LeafParameter(name, default) for name, default in given)
+        return tuple(LeafParameter(name) for name in source.parameters)
 
     @classmethod
     def make_model(cls, constants: Sequence[Constant], args: Sequence[float]) -> BlobModel:

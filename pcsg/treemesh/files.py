@@ -22,12 +22,17 @@ import numpy as np
 
 from pcsg.errors import UsageError
 from pcsg.outputs import check_output, write_whole
+from pcsg.skeletonfile import (
+    SKELETON_ENDINGS,
+    SkeletonRows,
+    load_rows,
+    rows_from_json,
+    rows_from_swc,
+)
 from pcsg.treemesh.skeleton import Floats, Ints, Skeleton
 
 if TYPE_CHECKING:
     from pcsg.treemesh.surface import QuadMesh
-
-SKELETON_ENDINGS = (".json", ".swc")
 
 
 class Shape(NamedTuple):
@@ -72,28 +77,7 @@ def skeleton_from_json(data: Any, name: str = "skeleton") -> Skeleton:
     UsageError
         Names what is missing or wrong.
     """
-    if not isinstance(data, dict):
-        raise UsageError(f"{name}: a skeleton is a JSON object with `nodes` and `edges`")
-    for key in ("nodes", "edges"):
-        if key not in data:
-            raise UsageError(f"{name}: the skeleton has no `{key}`")
-    try:
-        nodes = np.array(data["nodes"], dtype=np.float64)
-        edges = np.array(data["edges"], dtype=np.int64)
-        root = int(data.get("root", 0))
-        tags = {str(k): np.array(v, dtype=np.int64) for k, v in data.get("tags", {}).items()}
-    except (TypeError, ValueError, AttributeError, OverflowError):
-        raise UsageError(
-            f"{name}: `nodes` are lists [x, y, z, r] and `edges` pairs of whole numbers"
-        ) from None
-    if nodes.ndim != 2 or nodes.shape[1] != 4:
-        raise UsageError(f"{name}: every node is a list [x, y, z, r]")
-    if edges.ndim != 2 or edges.shape[1] != 2:
-        raise UsageError(f"{name}: every edge is a pair [a, b]")
-    try:
-        return Skeleton.make(nodes[:, :3], nodes[:, 3], edges, root, tags=tags)
-    except UsageError as error:
-        raise UsageError(f"{name}: {error}") from None
+    return _checked(rows_from_json(data, name), name)
 
 
 def skeleton_to_swc(skel: Skeleton) -> str:
@@ -127,38 +111,12 @@ def skeleton_from_swc(text: str, name: str = "skeleton") -> Skeleton:
     UsageError
         With the line that is wrong.
     """
-    rows: dict[int, tuple[int, list[float], int, int]] = {}
-    for n, line in enumerate(text.splitlines(), 1):
-        words = line.split("#", 1)[0].split()
-        if not words:
-            continue
-        try:
-            ident, kind, above = int(words[0]), int(words[1]), int(words[6])
-            values = [float(word) for word in words[2:6]]
-        except (ValueError, IndexError):
-            raise UsageError(
-                f"{name}, line {n}: expected the 7 numbers id type x y z radius parent"
-            ) from None
-        if ident in rows:
-            raise UsageError(f"{name}, line {n}: the id {ident} is there already")
-        rows[ident] = kind, values, above, n
-    number = {ident: k for k, ident in enumerate(rows)}
-    edges, labels, roots = [], [], []
-    for ident, (kind, _, above, n) in rows.items():
-        if above < 0:
-            roots.append(ident)
-        elif above not in number:
-            raise UsageError(f"{name}, line {n}: there is no node {above}")
-        else:
-            edges.append((number[above], number[ident]))
-            labels.append(kind)
-    if len(roots) != 1:
-        raise UsageError(f"{name}: a tree has one root (parent -1), not {len(roots)}")
-    nodes = np.array([values for _, values, _, _ in rows.values()])
+    return _checked(rows_from_swc(text, name), name)
+
+
+def _checked(rows: SkeletonRows, name: str) -> Skeleton:
     try:
-        return Skeleton.make(
-            nodes[:, :3], nodes[:, 3], edges, number[roots[0]], tags={"label": labels}
-        )
+        return Skeleton.make(rows.pos, rows.radius, rows.edges, rows.root, tags=rows.tags)
     except UsageError as error:
         raise UsageError(f"{name}: {error}") from None
 
@@ -171,20 +129,7 @@ def load_skeleton(path: str | Path) -> Skeleton:
     UsageError
         The file is not there or not a skeleton.
     """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"{path}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"{path}: not a text file") from None
-    if path.suffix.lower() == ".swc":
-        return skeleton_from_swc(text, str(path))
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"{path}: not JSON: {error}") from None
-    return skeleton_from_json(data, str(path))
+    return _checked(load_rows(Path(path)), str(path))
 
 
 def save_skeleton(skel: Skeleton, path: str | Path) -> Path:

@@ -37,9 +37,11 @@ def random_primitive(rng: Rng, kind: str) -> Field:
 
 
 def random_map(rng: Rng, spread: float) -> np.ndarray:
-    """A similarity half of the time, else with shears and another scale on every axis."""
+    """A similarity half of the time, else with shears and other scales; a third is mirrored."""
     q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     a = q * rng.uniform(0.6, 1.4)
+    if rng.random() < 0.3:
+        a[:, 0] *= -1.0
     if rng.random() < 0.5:
         a = a @ (np.diag(rng.uniform(0.7, 1.4, 3)) + 0.15 * rng.normal(size=(3, 3)))
     return np.concatenate([a, rng.normal(0.0, spread, (3, 1))], axis=1)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Sequence
 
 import numpy as np
 
@@ -84,10 +84,22 @@ def primitive_value(node: Primitive, p: np.ndarray) -> np.ndarray:
     raise NotImplementedError(name)
 
 
+GAUSS = np.polynomial.legendre.leggauss(10)
+"""Nodes and weights."""
+
+
 def convolution_value(name: str, args: tuple[float, ...], p: np.ndarray) -> np.ndarray:
     """The integral along the segment, by Gauss's rule on pieces."""
     length, ra, rb = args
     thick = max(ra, rb)
+    # Nothing beyond the support: most points of a ray.
+    far = distance_to_segment(p, np.zeros(3), np.array([0.0, 0.0, length]))
+    near = far < (2.0 if name == "quartic" else 6.0) * thick
+    if not near.all():
+        out = np.zeros(len(p))
+        if near.any():
+            out[near] = convolution_value(name, args, p[near])
+        return out
     z, h2 = p[:, 2], p[:, 0] ** 2 + p[:, 1] ** 2
     if name == "quartic":
         reach = 2.0 * thick
@@ -96,8 +108,8 @@ def convolution_value(name: str, args: tuple[float, ...], p: np.ndarray) -> np.n
         ends, pieces = (np.clip(z - c, 0.0, length), np.clip(z + c, 0.0, length)), 1
     else:
         wa, wb = (T / (math.pi * thick / 2 / (1 + (d / thick) ** 2) ** 1.5) for d in (ra, rb))
-        ends, pieces = (np.zeros(len(p)), np.full(len(p), length)), 24
-    nodes, weights = np.polynomial.legendre.leggauss(10)
+        ends, pieces = (np.zeros(len(p)), np.full(len(p), length)), 12
+    nodes, weights = GAUSS
     out = np.zeros(len(p))
     for k in range(pieces):
         a = ends[0] + (ends[1] - ends[0]) * k / pieces
@@ -111,8 +123,7 @@ def convolution_value(name: str, args: tuple[float, ...], p: np.ndarray) -> np.n
                 kernel = 1.0 / (1.0 + r2 / thick**2) ** 2
             out += 0.5 * (b - a) * weight * (wa + (wb - wa) * s / length) * kernel
     if name == "cauchy":
-        away = distance_to_segment(p, np.zeros(3), np.array([0.0, 0.0, length])) / thick
-        u = np.clip(away - 5.0, 0.0, 1.0)
+        u = np.clip(far / thick - 5.0, 0.0, 1.0)
         out *= 1.0 - (6.0 * u**5 - 15.0 * u**4 + 10.0 * u**3)
     return out
 
@@ -282,16 +293,39 @@ def value(node: Field, p: np.ndarray) -> np.ndarray:
     return combined_value(node, p)
 
 
+Samples = Generator[np.ndarray, np.ndarray, np.ndarray]
+
+
 def find_roots(
-    g: Callable[[np.ndarray], np.ndarray], begin: float, end: float, samples: int = 1500
-) -> np.ndarray:
-    """Sign changes of g on a line.
+    g: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    ranges: Sequence[tuple[float, float]],
+    samples: int = 1500,
+) -> list[np.ndarray]:
+    """Sign changes on many lines at a time; ``g(line, t)`` are values of lines at parameters."""
+    runs = [search(a, b, samples) for a, b in ranges]
+    asked = {k: next(run) for k, run in enumerate(runs)}
+    roots: list[np.ndarray] = [np.zeros(0)] * len(runs)
+    while asked:
+        lines = np.repeat(list(asked), [len(t) for t in asked.values()])
+        values = g(lines, np.concatenate(list(asked.values())))
+        ends = np.cumsum([len(t) for t in asked.values()])[:-1]
+        for k, found in zip(list(asked), np.split(values, ends), strict=True):
+            try:
+                asked[k] = runs[k].send(found)
+            except StopIteration as done:
+                roots[k] = done.value
+                del asked[k]
+    return roots
+
+
+def search(begin: float, end: float, samples: int) -> Samples:
+    """Find the sign changes of a function that is told at parameters asked for.
 
     Every sample that is a local extremum near zero is refined until it is known which side of zero
     it is on.
     """
     t = np.linspace(begin, end, samples)
-    v = g(t)
+    v = yield t
     for _ in range(30):
         inside = v >= 0.0
         # Extrema that point at zero: the middle of three.
@@ -314,16 +348,18 @@ def find_roots(
             ]
         )
         t = np.concatenate([t, new])
-        v = np.concatenate([v, g(new)])
+        told = yield new
+        v = np.concatenate([v, told])
         order = np.argsort(t, kind="stable")
         t, v = t[order], v[order]
     inside = v >= 0.0
     at = np.flatnonzero(inside[1:] != inside[:-1])
     a, b = t[at], t[at + 1]
     rising = inside[at + 1]
-    for _ in range(60):
+    for _ in range(36 if len(at) else 0):
         middle = 0.5 * (a + b)
-        up = (g(middle) >= 0.0) == rising
+        told = yield middle
+        up = (told >= 0.0) == rising
         a, b = np.where(up, a, middle), np.where(up, middle, b)
     roots: np.ndarray = 0.5 * (a + b)
     return roots

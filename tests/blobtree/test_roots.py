@@ -4,60 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blob_models import kinds_to_cover, random_model, random_rays, tangent_scale
-from field_oracle import T, find_roots, value
-
-from pcsg.blobtree.model import Model
-from pcsg.blobtree.nodes import Field
-from pcsg.errors import UsageError
+from blob_models import kinds_to_cover, random_rays
+from count_roots import find_wrong, run_model, some_model
+from field_oracle import value
 
 RAYS = 5
-"""Rays of each model; more of them with another number here."""
-
-
-def some_model(kinds: tuple[str, ...], seed: int) -> tuple[Field, Model]:
-    """A model that exists: random bends may be too much for what is bent."""
-    for attempt in range(100):
-        try:
-            root = random_model(np.random.default_rng([seed, attempt]), kinds)
-            model = Model(root)
-        except UsageError:
-            continue
-        if model.primitives:
-            return root, model
-    raise AssertionError(kinds)
-
-
-def without_short(roots: np.ndarray, shortest: float) -> np.ndarray:
-    """Drop pairs of roots closer than this: chords too short to count."""
-    kept: list[float] = []
-    for root in roots:
-        if kept and root - kept[-1] < shortest:
-            kept.pop()
-        else:
-            kept.append(float(root))
-    return np.array(kept)
-
-
-def count_wrong(root: Field, model: Model, rng: np.random.Generator, rays: int) -> int:
-    """Return how many rays meet other roots than the formulas have."""
-    origins, directions = random_rays(rng, model, rays)
-    counts, t = model.shoot(origins, directions)
-    size = tangent_scale(model)
-    middle = model.support.mean(axis=0)
-    wrong = 0
-    for o, d, found in zip(origins, directions, np.split(t, np.cumsum(counts)[:-1]), strict=True):
-        speed = float(np.linalg.norm(d))
-        near, reach = float((middle - o) @ d) / speed**2, size / speed
-
-        def g(s: np.ndarray, o: np.ndarray = o, d: np.ndarray = d) -> np.ndarray:
-            return value(root, o + s[:, None] * d) - T
-
-        expected = without_short(find_roots(g, near - reach, near + reach), 2e-7 * reach)
-        found = without_short(found, 2e-7 * reach)
-        if len(expected) != len(found) or np.any(np.abs(expected - found) > 1e-6 * reach):
-            wrong += 1
-    return wrong
+"""Rays of each model; `count_roots.py` shoots as many as one likes."""
 
 
 @pytest.mark.parametrize("kinds", kinds_to_cover(), ids="-".join)
@@ -67,7 +19,7 @@ def test_fields_and_roots_are_those_of_the_formulas(kinds: tuple[str, ...]) -> N
     low, high = model.support
     points = rng.uniform(low - 0.1, high + 0.1, (500, 3))
     np.testing.assert_allclose(model.field(points), value(root, points), rtol=0.0, atol=1e-12)
-    assert count_wrong(root, model, rng, RAYS) == 0
+    assert find_wrong(root, model, rng, RAYS) == []
 
 
 @pytest.mark.parametrize("kinds", kinds_to_cover()[::3], ids="-".join)
@@ -107,3 +59,8 @@ def test_an_even_number_of_crossings_and_midpoints_inside() -> None:
     middles = 0.5 * (t[::2] + t[1::2])
     long = t[1::2] - t[::2] > 1e-6
     assert np.all(model.contains((o[rays] + middles[:, None] * d[rays])[long]))
+
+
+@pytest.mark.parametrize("number", range(5))
+def test_the_long_run_begins_without_a_wrong_ray(number: int) -> None:
+    assert run_model((number, 1, 5)) == []
