@@ -9,7 +9,7 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import blobs, detail, growth, mesh, modes, operations, pictures, rays, trees
+from benchmarks import blobs, detail, growth, mesh, modes, operations, pictures, rays, trees, wood
 from benchmarks.report import Effort, Subject, describe_machine, lines_of
 from benchmarks.results import merge
 
@@ -32,6 +32,9 @@ SUBJECTS: tuple[Subject, ...] = (
     pictures.STARTUP,
     blobs.BLOBS,
     growth.INSTANTS,
+    wood.WOOD,
+    wood.GRIDS,
+    wood.FRAMES,
 )
 RESULTS = Path(__file__).parent / "RESULTS.md"
 

@@ -15,7 +15,7 @@ from benchmarks.scenes import SCENES
 from benchmarks.views import look_at
 
 
-def _measure(command: Sequence[str], **variables: str) -> tuple[float, float, float]:
+def measure_command(command: Sequence[str], **variables: str) -> tuple[float, float, float]:
     """Return seconds on the clock, processor seconds and peak megabytes of a command."""
     script = (
         "import resource, subprocess, sys, time; t = time.perf_counter();"
@@ -48,8 +48,8 @@ def pictures(effort: Effort) -> Iterator[Row]:
         camera = ("--samples", "1", "--mode", "direct", "--camera", view.option)
         with tempfile.TemporaryDirectory() as folder:
             command = _render(folder, name, effort.size, *camera)
-            _measure(command)
-            clock, processor, peak = _measure(command)
+            measure_command(command)
+            clock, processor, peak = measure_command(command)
         theirs = None
         if povray.is_there() and scene.states.finite and name in targets:
             theirs = povray.run(povray.write_scene(scene, view), effort.size)["seconds"]
@@ -60,19 +60,19 @@ def pictures(effort: Effort) -> Iterator[Row]:
 
 def startup(effort: Effort) -> Iterator[Row]:
     pcsg = [sys.executable, "-m", "pcsg"]
-    clock, processor, peak = min(_measure([*pcsg, "--help"]) for _ in range(3))
+    clock, processor, peak = min(measure_command([*pcsg, "--help"]) for _ in range(3))
     yield Row("pcsg --help", (clock, processor, peak), clock, 0.3, at_most=True)
     if effort.tiny:
         return
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as cache:
         command = _render(folder, "tree", effort.size)
-        first = _measure(command, XDG_CACHE_HOME=cache)
+        first = measure_command(command, XDG_CACHE_HOME=cache)
         yield Row("render the tree, first time", first, first[0], 30.0, at_most=True)
-        again = min(_measure(command, XDG_CACHE_HOME=cache) for _ in range(3))
+        again = min(measure_command(command, XDG_CACHE_HOME=cache) for _ in range(3))
         yield Row("render the tree, warm", again, again[0], 2.0, at_most=True)
         command = _render(folder, "Sierpinski 40", effort.size)
-        _measure(command, XDG_CACHE_HOME=cache)
-        deep = _measure(command, XDG_CACHE_HOME=cache)
+        measure_command(command, XDG_CACHE_HOME=cache)
+        deep = measure_command(command, XDG_CACHE_HOME=cache)
         yield Row("Sierpinski 40, MB of the process", deep, deep[2], 300.0, at_most=True)
 
 

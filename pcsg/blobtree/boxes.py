@@ -21,7 +21,7 @@ NOTHING: Corners = (np.full(3, math.inf), np.full(3, -math.inf))
 
 def is_empty(box: Corners) -> bool:
     """Return whether a box contains nothing."""
-    return bool(np.any(box[0] > box[1]))
+    return bool((box[0] > box[1]).any())
 
 
 def unite(a: Corners, b: Corners) -> Corners:
@@ -44,15 +44,22 @@ def transform(matrix: Array, box: Corners) -> Corners:
     return centre - half, centre + half
 
 
+def cone_cores(
+    start: Array, axis: Array, foot: Array, flat: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return lower and upper corners (N, 3) of the skeletons of branches; flat ones are discs."""
+    length = np.sqrt(np.einsum("ij,ij->i", axis, axis))
+    unit = axis / np.where(length > 0.0, length, 1.0)[:, None]
+    rim = foot[:, None] * np.sqrt(np.maximum(0.0, 1.0 - unit * unit))
+    tip = start + np.where(flat[:, None], 0.0, axis)
+    return np.minimum(start - rim, tip), np.maximum(start + rim, tip)
+
+
 def cone_boxes(start: Array, axis: Array, foot: Array, reach: Array) -> tuple[Array, Array]:
     """Return lower and upper corners (N, 3) of the supports of branches."""
-    length = np.linalg.norm(axis, axis=1)
-    unit = np.divide(axis, length[:, None], out=np.zeros_like(axis), where=length[:, None] > 0.0)
-    rim = foot[:, None] * np.sqrt(np.maximum(0.0, 1.0 - unit * unit))
-    flat = reach < 0.0
-    tip = start + np.where(flat[:, None], 0.0, axis)
+    low, high = cone_cores(start, axis, foot, reach < 0.0)
     r = np.abs(reach)[:, None]
-    return np.minimum(start - rim, tip) - r, np.maximum(start + rim, tip) + r
+    return low - r, high + r
 
 
 def find_boxes(root: Field) -> dict[int, tuple[Corners, Corners]]:
@@ -74,9 +81,9 @@ def _box_of(node: Field, found: dict[int, tuple[Corners, Corners]]) -> tuple[Cor
     if isinstance(node, Cones):
         if not len(node.start):
             return NOTHING, NOTHING
-        low, high = cone_boxes(node.start, node.axis, node.foot, node.reach)
-        low0, high0 = cone_boxes(node.start, node.axis, node.foot, np.sign(node.reach) * 1e-300)
-        return (low.min(0), high.max(0)), (low0.min(0), high0.max(0))
+        low, high = cone_cores(node.start, node.axis, node.foot, node.reach < 0.0)
+        r = np.abs(node.reach)[:, None]
+        return ((low - r).min(0), (high + r).max(0)), (low.min(0), high.max(0))
     if isinstance(node, Placed):
         support, core = found[id(node.child)]
         return transform(node.matrix, support), transform(node.matrix, core)

@@ -375,12 +375,20 @@ def _is_lone(node: Field) -> bool:
 
 def _similarity(matrix: Array) -> tuple[float, float] | None:
     """Return scale and handedness of a map that keeps angles, None for another."""
+    if matrix is IDENTITY:
+        return 1.0, 1.0
     a = matrix[:, :3]
     square = a.T @ a
-    scale2 = float(np.trace(square)) / 3.0
-    if np.abs(square - scale2 * np.eye(3)).max() > 1e-13 * scale2:
+    scale2 = (float(square[0, 0]) + float(square[1, 1]) + float(square[2, 2])) / 3.0
+    if np.abs(square - scale2 * IDENTITY[:, :3]).max() > 1e-13 * scale2:
         return None
-    return math.sqrt(scale2), math.copysign(1.0, float(np.linalg.det(a)))
+    x, y, z = (Vec3(*row) for row in a.tolist())
+    volume = (
+        x.x * (y.y * z.z - y.z * z.y)
+        - x.y * (y.x * z.z - y.z * z.x)
+        + x.z * (y.x * z.y - y.y * z.x)
+    )
+    return math.sqrt(scale2), math.copysign(1.0, volume)
 
 
 def _turn_of(x: Array, axis: Array) -> float:
