@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pcsg.graph.build import C, S, define
     from pcsg.graph.expr import P, and_, call, if_, not_, or_
     from pcsg.graph.graph import Graph
-    from pcsg.growth.leaf import foliage, tree, wood
+    from pcsg.growth.leaf import tree, tree_leaves, tree_wood
     from pcsg.render import Image, render
     from pcsg.scene import Scene, load, loads
     from pcsg.trace.hits import Hits, Spans
@@ -44,7 +44,6 @@ _HOMES = {
     "and_": "pcsg.graph.expr",
     "call": "pcsg.graph.expr",
     "define": "pcsg.graph.build",
-    "foliage": "pcsg.growth.leaf",
     "if_": "pcsg.graph.expr",
     "load": "pcsg.scene",
     "loads": "pcsg.scene",
@@ -52,7 +51,8 @@ _HOMES = {
     "or_": "pcsg.graph.expr",
     "render": "pcsg.render",
     "tree": "pcsg.growth.leaf",
-    "wood": "pcsg.growth.leaf",
+    "tree_leaves": "pcsg.growth.leaf",
+    "tree_wood": "pcsg.growth.leaf",
 }
 
 __all__ = [
@@ -72,7 +72,6 @@ __all__ = [
     "and_",
     "call",
     "define",
-    "foliage",
     "if_",
     "load",
     "loads",
@@ -80,7 +79,8 @@ __all__ = [
     "or_",
     "render",
     "tree",
-    "wood",
+    "tree_leaves",
+    "tree_wood",
 ]
 
 

@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 import pcsg
+from pcsg.commands.growing import app as grow
 from pcsg.commands.guard import guard
 
 app = typer.Typer(
@@ -23,6 +24,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+app.add_typer(grow)
 
 File = Annotated[
     Path, typer.Argument(metavar="FILE", help="A grammar (.pcsg).", show_default=False)
@@ -105,6 +108,9 @@ def render(
         typer.Option(metavar="LIST", help="Layers to write: depth,normal,albedo,label,leaf."),
     ] = "",
     bits: Annotated[int, typer.Option(help="Of each colour of a .png: 8 or 16.")] = 8,
+    denoise: Annotated[
+        bool, typer.Option("--denoise", help="Take noise out; needs the extra denoise.")
+    ] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from the checkpoint of a stopped run.")
     ] = False,
@@ -157,6 +163,7 @@ def render(
             },
             aov=aov,
             bits=bits,
+            denoise=denoise,
             tile=tile,
             resume=resume,
             show_every=show_every,
@@ -309,12 +316,15 @@ def gallery(
         Path, typer.Option("-o", "--output", metavar="DIR", help="Where to.")
     ] = Path(),
     size: Annotated[str, typer.Option(metavar="WxH", help="In pixels.")] = "640x480",
-    samples: Annotated[int, typer.Option(help="Most samples per pixel.")] = 16,
+    samples: Annotated[
+        int | None,
+        typer.Option(help="Most samples per pixel; default what each picture needs."),
+    ] = None,
 ) -> None:
     """List the grammars that come with pcsg, or make their pictures."""
     from pcsg.commands.gallery import run
 
-    run(names or [], render, output, ["--size", size, "--samples", str(samples)])
+    run(names or [], render, output, size, samples)
 
 
 @app.command()
@@ -330,7 +340,8 @@ Tree = Annotated[
     Path,
     typer.Argument(
         metavar="IN",
-        help="A mesh (.obj .ply .stl .glb), a skeleton (.json .swc) or a grammar (.pcsg).",
+        help="A mesh (.obj .ply .stl .glb), a skeleton (.json .swc), a grammar (.pcsg), or a "
+        "growing tree (.json, populus).",
         show_default=False,
     ),
 ]

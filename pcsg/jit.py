@@ -1,9 +1,9 @@
 """The one place where functions become machine code.
 
 Kernels are compiled strictly (IEEE, no contraction) unless they say ``contract=True``, which only
-intersection code may. Only the outermost kernels (``entry=True``) are cached on disk; what they
-call is compiled into them. numba's own key knows neither globals nor functions of other files, so
-the cache of an entry lies in a folder named by a hash of everything that is compiled into it.
+intersection code may. Only the outermost kernels (``entry=True``) are kept on disk, as machine code
+(`machine`); what they call is compiled into them. numba is imported when something is compiled,
+and not before: that takes longer than many a picture.
 """
 
 from __future__ import annotations
@@ -11,33 +11,23 @@ from __future__ import annotations
 import dis
 import hashlib
 import linecache
-import shutil
-import sys
-import tempfile
-import time
 import types
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, cached_property, update_wrapper
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
-import numba
 import numpy as np
-import platformdirs
+
+from pcsg.machine import Entry, cache_folder, compiler
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-# numba's own types leave out options.
-_config: Any = numba.config
-_numba_njit: Any = numba.njit
-_numba_cfunc: Any = numba.cfunc
-_unliteral: Any = numba.core.types.unliteral
 
 
 def fingerprint(kernel: Any) -> str:
     """Return a hash of the code and the constants that are compiled into a kernel."""
-    digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
+    digest = hashlib.sha256(compiler().encode())
     todo: list[Any] = [kernel]
     seen: set[int] = set()
     while todo:
@@ -70,41 +60,23 @@ def fingerprint(kernel: Any) -> str:
     return digest.hexdigest()[:16]
 
 
-_STALE_AFTER = 30 * 24 * 3600.0
-
-
-@cache
-def cache_folder(name: str) -> Path:
-    """Return the folder of compiled kernels with a fingerprint; old ones are cleared away."""
-    root = Path(platformdirs.user_cache_dir("pcsg"))
-    folder = root / f"kernels-{name}"
-    try:
-        is_new = not folder.exists()
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-        for other in root.glob("kernels-*") if is_new else ():
-            if time.time() - other.stat().st_mtime > _STALE_AFTER:
-                shutil.rmtree(other, ignore_errors=True)
-    except OSError:
-        folder = Path(tempfile.mkdtemp(prefix=f"pcsg-kernels-{name}-"))
-    return folder
-
-
 def is_cached(entry: Any) -> bool:
     """Return whether an entry has been compiled before, so that it will start at once."""
-    return any(cache_folder(fingerprint(entry.py_func)).rglob("*.nbi"))
+    return any(cache_folder(entry.fingerprint).glob("*.code"))
 
 
 @contextmanager
 def _cache_in(folder: Path) -> Iterator[None]:
     """Let numba place caches in a folder, without changing it for the user's own functions."""
-    before = _config.CACHE_DIR
-    _config.CACHE_DIR = str(folder)
+    import numba
+
+    config: Any = numba.config
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(folder)
     try:
         yield
     finally:
-        _config.CACHE_DIR = before
+        config.CACHE_DIR = before
 
 
 def _make_inner(function: Callable[..., Any], options: dict[str, Any]) -> Any:
@@ -113,18 +85,80 @@ def _make_inner(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     These calls go to a second dispatcher without the wrapper that Python needs, and calls with
     constants share one version with calls of any value. Together that halves the time to compile.
     """
-    outer: Any = _numba_njit(**options)(function)
-    inner: Any = _numba_njit(**options, no_cpython_wrapper=True)(function)
+    import numba
+
+    unliteral: Any = numba.core.types.unliteral
+    compile_with: Any = numba.njit
+    outer: Any = compile_with(**options)(function)
+    inner: Any = compile_with(**options, no_cpython_wrapper=True)(function)
 
     def get_call_template(args: Sequence[Any], kws: dict[str, Any]) -> Any:
         return inner.get_call_template(
-            tuple(_unliteral(a) for a in args),
-            {name: _unliteral(a) for name, a in kws.items()},
+            tuple(unliteral(a) for a in args),
+            {name: unliteral(a) for name, a in kws.items()},
         )
 
     outer.get_call_template = get_call_template
     outer.get_overload = inner.get_overload
     return outer
+
+
+class Kernel:
+    """A function that becomes machine code when it is first called.
+
+    Parameters
+    ----------
+    function
+        Its source, `py_func`.
+    options
+        For numba.
+    entry
+        Whether it is an outermost kernel.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any], entry: bool) -> None:
+        update_wrapper(self, function)
+        self.py_func = function
+        self.targetoptions = options
+        self.entry = Entry(self) if entry else None
+
+    def __call__(self, *args: Any) -> Any:
+        """Run it; an entry takes positional arguments only, see `machine`."""
+        return self.dispatcher(*args) if self.entry is None else self.entry(*args)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of the code and the constants that are compiled into it."""
+        return fingerprint(self)
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """What numba makes of it."""
+        return _make_inner(self.py_func, self.targetoptions)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """The type that numba asks for where another kernel calls this one."""
+        from numba.core import types as kinds
+
+        return kinds.Dispatcher(self.dispatcher)
+
+
+class Intrinsic:
+    """A function that writes the compiler's own code where a kernel calls it; see `numba`."""
+
+    def __init__(self, definition: Callable[..., Any]) -> None:
+        self._defn = definition
+
+    @cached_property
+    def _numba_type_(self) -> Any:
+        from numba.core.registry import cpu_target
+        from numba.extending import intrinsic
+
+        context = cpu_target.typing_context
+        made = intrinsic(self._defn)
+        context.refresh()
+        return context.resolve_value_type(made)
 
 
 @overload
@@ -159,10 +193,7 @@ def njit(
             # Said also where it is false: functions inherit what their callers say.
             "forceinline": inline,
         }
-        if not entry:
-            return _make_inner(plain, options)
-        with _cache_in(cache_folder(fingerprint(plain))):
-            return _numba_njit(nogil=True, cache=True, **options)(plain)
+        return Kernel(plain, options, entry)
 
     return compile_lazily if function is None else compile_lazily(function)
 
@@ -172,9 +203,12 @@ def cached_function(signature: Any, function: Callable[..., Any]) -> Any:
 
     Kernels may call it through its address, so that they need not be compiled with it.
     """
+    import numba
+
     options = {"error_model": "numpy", "_nrt": False, "fastmath": {"contract"}}
+    compile_with: Any = numba.cfunc
     with _cache_in(cache_folder(fingerprint(function))):
-        return _numba_cfunc(signature, cache=True, **options)(function)
+        return compile_with(signature, cache=True, **options)(function)
 
 
 @cache

@@ -313,6 +313,25 @@ class Scene:
         """Return the number of every named setting of a kind."""
         return self.graph.numbers_of(kind)
 
+    def shining_covers(self, strengths: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return covers of all that shines, float64 (K, `COLUMNS`): see `pcsg.graph.shining`.
+
+        There are none where the states are too many to be looked through.
+
+        Parameters
+        ----------
+        strengths
+            (M,) how much a surface of every material shines.
+        """
+        if not (strengths > 0.0).any():
+            return np.empty((0, 0))
+        from pcsg.graph.shining import shining_covers
+
+        states = self.states
+        if not states.finite:
+            states = enumerate_states(self.graph, self.values, WHOLE_BUDGET)
+        return shining_covers(states, strengths.tolist())
+
     def intersect(
         self,
         origins: ArrayLike,

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
-from numba.core import cgutils, types
-from numba.extending import intrinsic
+
+from pcsg.jit import Intrinsic
 
 WIDTH = 4
 """Boxes in a block."""
@@ -21,6 +21,7 @@ _FAST = ("contract",)
 
 def _count_trailing_zeros(typing: Any, x: Any) -> Any:
     """Return the number of the lowest set bit of a uint64 that is not zero."""
+    from numba.core import types
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
@@ -68,6 +69,8 @@ def _meet_boxes(
     uint64
         Bit k is set where box k is met.
     """
+    from numba.core import types
+
     real, whole = types.float64, types.uint64
     signature = whole(boxes, *[whole] * 7, *[real] * 8, entries)
 
@@ -119,6 +122,8 @@ LOCAL = 256
 
 def _local_array(typing: Any, kind: Any) -> Any:
     """Return a generator of code for an array that lives as long as the call that asks for it."""
+    from numba.core import cgutils, types
+
     array = types.Array(kind, 1, "C")
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -137,15 +142,19 @@ def _local_array(typing: Any, kind: Any) -> Any:
 
 def _local_integers(typing: Any) -> Any:
     """Return an int64 array of `LOCAL` numbers, whose content is undefined."""
+    from numba.core import types
+
     return _local_array(typing, types.int64)
 
 
 def _local_doubles(typing: Any) -> Any:
     """Return a float64 array of `LOCAL` numbers, whose content is undefined."""
+    from numba.core import types
+
     return _local_array(typing, types.float64)
 
 
-local_integers: Any = intrinsic(_local_integers)
-local_doubles: Any = intrinsic(_local_doubles)
-count_trailing_zeros: Any = intrinsic(_count_trailing_zeros)
-meet_boxes: Any = intrinsic(_meet_boxes)
+local_integers: Any = Intrinsic(_local_integers)
+local_doubles: Any = Intrinsic(_local_doubles)
+count_trailing_zeros: Any = Intrinsic(_count_trailing_zeros)
+meet_boxes: Any = Intrinsic(_meet_boxes)

@@ -1,7 +1,10 @@
 """Moving pictures: ranges, frames, cameras, files; the gallery and the grammar to begin with."""
 
 import json
+import os
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -9,6 +12,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from pcsg.cli import app
+from pcsg.commands import gallery
 from pcsg.commands.animate import parse_frames, parse_range, parse_ranges
 from pcsg.commands.gallery import PICTURES, folder
 from pcsg.errors import UsageError
@@ -141,6 +145,101 @@ def test_films_need_ffmpeg(run, monkeypatch):
     assert "ffmpeg" in result.output
 
 
+FFMPEG = """#!{python}
+import json, sys
+data = sys.stdin.buffer.read()
+frames = data.split(b"\\x89PNG\\r\\n\\x1a\\n")[1:]
+with open({log!r}, "w") as log:
+    json.dump({{"arguments": sys.argv[1:], "frames": [len(f) for f in frames]}}, log)
+if {status}:
+    sys.exit("Unknown encoder 'libx264'")
+with open(sys.argv[-1], "wb") as film:
+    film.write(b"film of %d frames" % len(frames))
+"""
+
+
+@pytest.fixture
+def ffmpeg(tmp_path, monkeypatch):
+    """Put a program in the place of ffmpeg; return how to make it fail, and its log."""
+    programs = tmp_path / "programs"
+    programs.mkdir()
+    log = programs / "log.json"
+
+    def install(status=0):
+        program = programs / "ffmpeg"
+        program.write_text(FFMPEG.format(python=sys.executable, log=str(log), status=status))
+        program.chmod(0o755)
+        monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
+        return log
+
+    return install
+
+
+def test_a_film_is_made_by_ffmpeg(run, tmp_path, ffmpeg):
+    log = ffmpeg()
+    arguments = ["animate", "t.pcsg", "--frames", "0..4", "--fps", "12.5", *SMALL, "-o", "a.mp4"]
+    result = run(*arguments)
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "a.mp4").read_bytes() == b"film of 5 frames"
+    told = json.loads(log.read_text())
+    assert len(told["frames"]) == 5
+    given = told["arguments"]
+    # What is said before the input is said of it.
+    before, after = given[: given.index("-i")], given[given.index("-i") + 2 :]
+    assert given[given.index("-i") + 1] == "-"
+    for option, value in (("-f", "image2pipe"), ("-framerate", "12.5"), ("-c:v", "png")):
+        assert before[before.index(option) + 1] == value
+    for option, value in (("-c:v", "libx264"), ("-pix_fmt", "yuv420p")):
+        assert after[after.index(option) + 1] == value
+    assert "-y" in before  # the place is there already, empty
+    assert after[-1].endswith(".mp4")
+    # The frames are gone, the film has its name.
+    assert not (tmp_path / "a.mp4.frames").exists()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mp4", "programs", "t.pcsg"]
+
+
+def test_when_ffmpeg_fails_the_frames_are_kept(run, tmp_path, ffmpeg):
+    ffmpeg(status=1)
+    (tmp_path / "a.mp4").write_bytes(b"an older film")
+    arguments = ["animate", "t.pcsg", "--frames", "0..2", *SMALL, "-o", "a.mp4"]
+    result = run(*arguments)
+    assert result.exit_code == 1
+    assert "ffmpeg" in result.output
+    assert "Unknown encoder" in result.output
+    assert (tmp_path / "a.mp4").read_bytes() == b"an older film"
+    kept = sorted((tmp_path / "a.mp4.frames").iterdir())
+    assert len(kept) == 3
+    # With another ffmpeg no frame is made again.
+    log = ffmpeg()
+    assert run(*arguments, "--resume").exit_code == 0
+    assert (tmp_path / "a.mp4").read_bytes() == b"film of 3 frames"
+    assert len(json.loads(log.read_text())["frames"]) == 3
+
+
+def test_an_ffmpeg_that_reads_nothing_is_told_of(run, tmp_path, ffmpeg):
+    ffmpeg()
+    program = tmp_path / "programs" / "ffmpeg"
+    program.write_text("#!/bin/sh\nexec <&-\necho 'no memory' >&2\nexit 69\n")
+    result = run("animate", "t.pcsg", "--frames", "0..1", *SMALL, "-o", "a.mp4")
+    assert result.exit_code == 1
+    assert "no memory" in result.output
+    assert not (tmp_path / "a.mp4").exists()
+
+
+def test_a_real_film(run, tmp_path):
+    """With the real program, if it is here: odd sides, as many frames as were made."""
+    program = shutil.which("ffmpeg")
+    if program is None:
+        pytest.skip("ffmpeg is not installed")
+    small = ["--size", "25x19", "--samples", "1", "--jobs", "1"]
+    result = run("animate", "t.pcsg", "--frames", "0..4", "--fps", "10", *small, "-o", "a.mp4")
+    assert result.exit_code == 0, result.output
+    command = [program, "-i", "a.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
+    assert len(done.stdout) == 5 * 26 * 20 * 3
+    assert b"10 fps" in done.stderr
+
+
 def test_frames_of_a_file_lie_in_a_folder_beside_it(tmp_path):
     assert frame_path(tmp_path / "a.gif", 7) == tmp_path / "a.gif.frames" / "frame_00007.png"
 
@@ -162,7 +261,8 @@ def test_the_gallery_lists_every_grammar_and_makes_pictures(run, tmp_path):
     listed = run("gallery")
     assert listed.exit_code == 0
     shipped = {p.stem for p in folder().glob("*.pcsg")} - {"sierpinski-pl"}
-    assert {picture.name for picture in PICTURES} == shipped
+    assert {picture.name for picture in PICTURES} >= shipped
+    assert all((folder() / picture.grammar).exists() for picture in PICTURES)
     assert all(name in listed.output for name in shipped)
     made = run("gallery", "--render", "sierpinski", "--size", "24x18", "--samples", "1")
     assert made.exit_code == 0, made.output
@@ -172,3 +272,38 @@ def test_the_gallery_lists_every_grammar_and_makes_pictures(run, tmp_path):
     wrong = run("gallery", "siepinski")
     assert wrong.exit_code == 2
     assert "sierpinski" in wrong.output
+
+
+def test_the_gallery_goes_on_where_it_stopped(run, tmp_path, monkeypatch):
+    names = ["sierpinski", "menger", "leaf"]
+    quick = ["--size", "16x12", "--samples", "1"]
+    made = []
+    make = gallery._make
+
+    def stop_at_menger(picture, *rest):
+        if picture.name == "menger" and "menger" not in made:
+            made.append("menger")
+            raise KeyboardInterrupt
+        made.append(picture.name)
+        return make(picture, *rest)
+
+    monkeypatch.setattr(gallery, "_make", stop_at_menger)
+    assert run("gallery", "--render", *names, *quick).exit_code == 130
+    assert (tmp_path / gallery.PROGRESS).exists()
+    again = run("gallery", "--render", *names, *quick)
+    assert again.exit_code == 0, again.output
+    assert made == ["sierpinski", "menger", "menger", "leaf"]
+    assert "sierpinski.png is made already" in again.output
+    assert not (tmp_path / gallery.PROGRESS).exists()
+    # Asked for anew, or in another way, all are made.
+    made.clear()
+    (tmp_path / gallery.PROGRESS).write_text("pictures of 24x18\nsierpinski")
+    assert run("gallery", "--render", "sierpinski", *quick).exit_code == 0
+    assert made == ["sierpinski"]
+
+
+def test_a_picture_that_fails_ends_the_gallery(run, tmp_path):
+    (tmp_path / "leaf.png").mkdir()
+    failed = run("gallery", "--render", "leaf", "--size", "16x12", "--samples", "1")
+    assert failed.exit_code == 1
+    assert "leaf was not made" in failed.output

@@ -17,6 +17,7 @@ FLOORS: list[set[str]] = [
     {
         "errors",
         "catalogue",
+        "machine",
         "jit",
         "vec",
         "indices",

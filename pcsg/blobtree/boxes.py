@@ -148,3 +148,14 @@ def clip_of(
     if name == "joint" and slot > 0 and slot % 2 == 0:
         return support(slot - 1)
     return None
+
+
+def along_curve(points: Array) -> NDArray[np.int64]:
+    """Return points (n, 3) in the order of a space-filling curve (Morton 1966)."""
+    low, span = points.min(axis=0), float(np.ptp(points, axis=0).max())
+    cells = ((points - low) / max(span, 1e-300) * 1023.0).astype(np.int64)
+    keys = np.zeros(len(points), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            keys |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(keys, kind="stable")

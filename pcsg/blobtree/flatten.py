@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pcsg.blobtree.blends import BLENDS
 from pcsg.blobtree.boxes import (
     Corners,
+    along_curve,
     clip_of,
     cone_boxes,
     find_boxes,
@@ -208,13 +209,7 @@ class Flattener:
         boxes = [self.boxes[id(child)][0] for child in node.children]
         centres = np.array([0.5 * (b[0] + b[1]) for b in boxes])
         centres[~np.isfinite(centres)] = 0.0
-        low, span = centres.min(axis=0), float(np.ptp(centres, axis=0).max())
-        cells = ((centres - low) / max(span, 1e-300) * 1023.0).astype(np.int64)
-        keys = np.zeros(len(boxes), np.int64)
-        for bit in range(10):
-            for axis in range(3):
-                keys |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-        return [int(k) for k in np.argsort(keys, kind="stable")]
+        return [int(k) for k in along_curve(centres)]
 
     def _add_primitive(self, node: Primitive, at: _Place) -> None:
         skeleton, args = node.skeleton, node.args
@@ -255,7 +250,17 @@ class Flattener:
 
     def _add_cones(self, node: Cones, at: _Place, todo: list[tuple[Field | None, Any]]) -> None:
         similar = _similarity(at.matrix) if not at.links else None
-        if at.weight != 1.0 or similar is None or similar[1] < 0.0:
+        slim = at.weight == 1.0 and similar is not None and similar[1] >= 0.0
+        if node.groups is not None and not (slim and at.clip is None):
+            groups = node.parts
+            for group in groups:
+                self.boxes.update(find_boxes(group))
+            self._keep.extend(groups)
+            whole = Combination(BLENDS["sum"], groups)
+            self._keep.append(whole)
+            todo.append((whole, at))
+            return
+        if not slim or similar is None:
             parts = [_lone_cone(*values) for values in zip(
                 node.start, node.axis, node.foot, node.reach, strict=True
             )]  # fmt: skip
@@ -266,10 +271,6 @@ class Flattener:
             self._keep.append(whole)
             todo.append((whole, at))
             return
-        parent = at.parent
-        if self.operators[parent][2] != BLENDS[node.blend].kind:
-            parent = self._open(node.blend, at.parent, at.slot, (), len(node.start))
-            todo.append((None, parent))
         scale, matrix = similar[0], at.matrix
         rows = np.empty((len(node.start), 8))
         rows[:, :3] = node.start @ matrix[:, :3].T + matrix[:, 3]
@@ -278,7 +279,39 @@ class Flattener:
         lower, upper = cone_boxes(rows[:, :3], rows[:, 3:6], rows[:, 6], rows[:, 7])
         about = SKELETONS["cone"].kind + SLIM + ATTRIBUTES * at.attributes
         uv = np.zeros((len(rows), 2), np.float32) if node.uv is None else node.uv
+        if node.groups is not None:
+            self._add_groups(node, at, rows, about, lower, upper, uv)
+            return
+        parent = at.parent
+        if self.operators[parent][2] != BLENDS[node.blend].kind:
+            parent = self._open(node.blend, at.parent, at.slot, (), len(node.start))
+            todo.append((None, parent))
         self._add(rows, about, at._replace(parent=parent), lower, upper, uv)
+
+    def _add_groups(
+        self,
+        node: Cones,
+        at: _Place,
+        rows: Array,
+        about: int,
+        lower: Array,
+        upper: Array,
+        uv: NDArray[np.float32],
+    ) -> None:
+        """Add an operator for each group, under a sum."""
+        assert node.groups is not None
+        parent = at.parent
+        outer = self.operators[parent][2] != BLENDS["sum"].kind
+        if outer:
+            parent = self._open("sum", at.parent, at.slot, (), len(node.groups))
+        ends = [*node.groups[1:].tolist(), len(rows)]
+        for a, b in zip(node.groups.tolist(), ends, strict=True):
+            number = self._open(node.blend, parent, at.slot, (), b - a)
+            place = at._replace(parent=number)
+            self._add(rows[a:b], about, place, lower[a:b], upper[a:b], uv[a:b])
+            self.operators[number][1] = self.count
+        if outer:
+            self.operators[parent][1] = self.count
 
     def _add(
         self,

@@ -16,10 +16,6 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
 from pcsg.blobtree.fields import T
@@ -36,7 +32,7 @@ from pcsg.blobtree.layout import (
 )
 from pcsg.blobtree.points import describe, gradient_at, value_at
 from pcsg.blobtree.trace import ALL, FULL, shoot
-from pcsg.jit import cached_function, njit
+from pcsg.jit import Intrinsic, cached_function, njit
 from pcsg.vec import Ray, Vec3
 
 Array = NDArray[np.float64]
@@ -53,6 +49,9 @@ FAR = 1 << 60
 
 
 def _make_array(context: Any, builder: Any, kind: Any, data: Any, length: Any) -> Any:
+    from numba.core import cgutils, types
+    from numba.np.arrayobj import populate_array
+
     itemsize = context.get_constant(types.intp, kind.bitwidth // 8)
     array = context.make_array(types.Array(kind, 1, "C"))(context, builder)
     populate_array(
@@ -66,49 +65,42 @@ def _make_array(context: Any, builder: Any, kind: Any, data: Any, length: Any) -
     return array._getvalue()
 
 
-def _reserve(kind: Any) -> Any:
+def _reserve(item: str) -> Any:
     """Return an intrinsic for an array on the stack; it lives as long as its caller runs."""
 
-    @intrinsic
     def reserve(typing_context: Any, length: Any) -> Any:
+        from numba.core import types
+
+        kind = getattr(types, item)
+
         def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
             data = builder.alloca(context.get_data_type(kind), size=args[0])
             return _make_array(context, builder, kind, data, args[0])
 
         return types.Array(kind, 1, "C")(types.intp), generate
 
-    return reserve
+    return Intrinsic(reserve)
 
 
-def _view(kind: Any) -> Any:
+def _view(item: str) -> Any:
     """Return an intrinsic for an array of any length at a pointer."""
 
-    @intrinsic
     def view(typing_context: Any, pointer: Any) -> Any:
+        from numba.core import types
+
+        kind = getattr(types, item)
+
         def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
             length = context.get_constant(types.intp, FAR)
             return _make_array(context, builder, kind, args[0], length)
 
         return types.Array(kind, 1, "C")(pointer), generate
 
-    return view
+    return Intrinsic(view)
 
 
-reserve_floats, reserve_ints = _reserve(types.float64), _reserve(types.int64)
-_view_doubles, _view_singles, _view_ints = (
-    _view(kind) for kind in (types.float64, types.float32, types.int32)
-)
-
-_SIGNATURE = types.int64(
-    *[types.int64] * 2,
-    *[types.float64] * 8,
-    types.CPointer(types.float64),
-    types.CPointer(types.float32),
-    types.CPointer(types.int32),
-    *[types.int64] * 3,
-    types.CPointer(types.float64),
-    *[types.int64] * 2,
-)
+reserve_floats, reserve_ints = _reserve("float64"), _reserve("int64")
+_view_doubles, _view_singles, _view_ints = (_view(item) for item in ("float64", "float32", "int32"))
 
 
 @njit(contract=True)
@@ -202,8 +194,16 @@ def address() -> int:
 
 @cache
 def _compiled() -> Any:
+    from numba.core import types
+
+    # numba leaves them untyped.
+    integer: Any = types.int64
+    real: Any = types.float64
+    pointers = [types.CPointer(k) for k in (real, types.float32, types.int32)]
+    asked = [*[integer] * 2, *[real] * 8, *pointers, *[integer] * 3]
+    signature = integer(*asked, types.CPointer(real), *[integer] * 2)
     # Kept: its code lives as long as it does.
-    return cached_function(_SIGNATURE, answer)
+    return cached_function(signature, answer)
 
 
 def _call(
@@ -211,6 +211,8 @@ def _call(
     n: Any, length: Any,
 ) -> Any:  # fmt: skip
     """Call `answer` at an address."""
+    from numba.core import cgutils, types
+
     signature = types.int64(where, asked, want, ray, pool, at, out, n, length)
 
     def generate(context: Any, builder: Any, given: Any, args: Any) -> Any:
@@ -236,7 +238,7 @@ def _call(
     return signature, generate
 
 
-_call_at: Any = intrinsic(_call)
+_call_at: Any = Intrinsic(_call)
 
 
 @njit

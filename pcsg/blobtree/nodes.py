@@ -64,6 +64,8 @@ class Cones(Field):
         Turns to add to u, and v at the foot.
     blend
         ``sum`` or ``union``.
+    groups : int64 (G,), optional
+        Where groups begin, the first one at 0: cones of a group are blended, and groups summed.
     """
 
     start: Array
@@ -72,6 +74,25 @@ class Cones(Field):
     reach: Array
     uv: NDArray[np.float32] | None = None
     blend: str = "sum"
+    groups: NDArray[np.int64] | None = None
+
+    @property
+    def parts(self) -> tuple[Cones, ...]:
+        """The groups, each as cones of its own."""
+        if self.groups is None:
+            return (self,)
+        ends = [*self.groups[1:].tolist(), len(self.start)]
+        return tuple(
+            Cones(
+                self.start[a:b],
+                self.axis[a:b],
+                self.foot[a:b],
+                self.reach[a:b],
+                None if self.uv is None else self.uv[a:b],
+                self.blend,
+            )
+            for a, b in zip(self.groups.tolist(), ends, strict=True)
+        )
 
 
 @dataclass(frozen=True, eq=False)

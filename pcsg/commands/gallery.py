@@ -12,8 +12,9 @@ from pathlib import Path
 
 import typer
 
-from pcsg.commands.guard import say
+from pcsg.commands.guard import INTERRUPTED, say
 from pcsg.errors import EnvironmentFault, UsageError, suggest
+from pcsg.outputs import write_whole
 
 
 @dataclass(frozen=True)
@@ -23,16 +24,24 @@ class Picture:
     Attributes
     ----------
     name
-        Of the grammar and of the picture.
+        Of the picture.
     title
         What it shows.
-    options
-        Of ``pcsg render``, besides the grammar and the output.
+    samples
+        Most samples per pixel.
+    file
+        Where the grammar is, if not in ``name.pcsg``.
     """
 
     name: str
     title: str
-    options: tuple[str, ...] = ()
+    samples: int = 16
+    file: str = ""
+
+    @property
+    def grammar(self) -> str:
+        """The grammar's file in the folder of grammars."""
+        return self.file or f"{self.name}.pcsg"
 
 
 PICTURES = (
@@ -48,11 +57,19 @@ PICTURES = (
     Picture("sea", "Terrain and a sea (picture 9)"),
     Picture("terrain", "An island"),
     Picture("menger", "The Menger sponge"),
+    Picture("sponge", "Inside a Menger sponge of order 20", 32),
     Picture("dawn", "A forest on an island at dawn"),
     Picture("zoom", "Near the corner of a Sierpinski tetrahedron of order 40"),
     Picture("meadow", "A meadow"),
+    Picture("mushrooms", "Mushrooms that glow", 144),
+    Picture("dew", "Dew on blades of grass", 64),
     Picture("flock", "A flock of birds"),
     Picture("wind", "An autumn tree in the wind"),
+    Picture("junctions", "Junctions of implicit branches", file="blobtree/junctions.pcsg"),
+    Picture("wounds", "Wounds of implicit branches", file="blobtree/wounds.pcsg"),
+    Picture("bulge", "Where implicit branches bulge", file="blobtree/bulge.pcsg"),
+    Picture("poplar", "A poplar in winter, an implicit tree", file="poplar.lsys"),
+    Picture("oak", "An oak, an implicit tree", file="lsystems/oak.lsys"),
 )
 """What `docs/gallery.md` shows, in its order."""
 
@@ -66,15 +83,21 @@ def folder() -> Path:
     raise EnvironmentFault("the grammars of the gallery are not installed with this pcsg")
 
 
-def run(names: Sequence[str], render: bool, output: Path, options: Sequence[str]) -> None:
+PROGRESS = ".gallery.progress"
+"""File beside the pictures with the names of those that are done, until all are."""
+
+
+def run(names: Sequence[str], render: bool, output: Path, size: str, samples: int | None) -> None:
     """List the gallery, or make its pictures, each in a process of its own.
+
+    What was interrupted goes on where it stopped, if it is asked for in the same way.
 
     Parameters
     ----------
     names
         Which pictures; all if empty.
-    options
-        Further options of ``pcsg render``.
+    size, samples
+        Of the pictures, None for as many samples as each needs.
     """
     known = {picture.name: picture for picture in PICTURES}
     for name in names:
@@ -91,19 +114,77 @@ def run(names: Sequence[str], render: bool, output: Path, options: Sequence[str]
         return
     if not output.is_dir():
         raise UsageError(f"there is no folder {output}")
+    progress = _Progress(output / PROGRESS, f"pictures of {size}, samples {samples or 'as needed'}")
+    began, most = time.perf_counter(), 0
     for picture in chosen:
         path = output / f"{picture.name}.png"
-        began = time.perf_counter()
-        command = [sys.executable, "-m", "pcsg", "render", str(place / f"{picture.name}.pcsg")]
-        command += ["-o", str(path), "--json", "-q", *picture.options, *options]
-        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
-        if done.returncode != 0:
-            raise EnvironmentFault(f"{picture.name} was not made: status {done.returncode}")
-        told = json.loads(done.stdout)
-        say(
-            f"{path}: {time.perf_counter() - began:.0f} s, {told['rays'] / 1e6:.3g} million rays,"
-            f" {told['rays_per_second'] / 1e6:.2g} million/s, {told['memory'] / 1e6:.0f} MB"
-        )
+        if picture.name in progress.done and path.exists():
+            say(f"{path} is made already")
+            continue
+        most = max(most, _make(picture, place, path, size, samples))
+        progress.add(picture.name)
+    progress.end()
+    if most:
+        minutes = (time.perf_counter() - began) / 60
+        say(f"the gallery is made: {minutes:.1f} minutes, at most {most / 1e6:.0f} MB")
+
+
+class _Progress:
+    """Which pictures an interrupted run has made.
+
+    Parameters
+    ----------
+    path
+        The file that keeps it.
+    kind
+        How the pictures are made: others count for nothing.
+    """
+
+    def __init__(self, path: Path, kind: str) -> None:
+        self._path = path
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        except (OSError, UnicodeDecodeError) as error:
+            raise EnvironmentFault(f"cannot read {path}: {error}") from error
+        self.done = lines[1:] if lines[:1] == [kind] else []
+        self._kind = kind
+
+    def add(self, name: str) -> None:
+        self.done.append(name)
+        text = "\n".join([self._kind, *self.done])
+        write_whole(self._path, lambda file: file.write(text.encode()))
+
+    def end(self) -> None:
+        self._path.unlink(missing_ok=True)
+
+
+def _make(picture: Picture, place: Path, path: Path, size: str, samples: int | None) -> int:
+    """Make a picture; return how many bytes that took."""
+    began = time.perf_counter()
+    command = [sys.executable, "-m", "pcsg", "render", str(place / picture.grammar)]
+    command += ["-o", str(path), "--size", size, "--samples", str(samples or picture.samples)]
+    if path.with_name(path.name + ".checkpoint").exists():
+        command.append("--resume")
+    with subprocess.Popen([*command, "--json", "-q"], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            output, _ = process.communicate()
+            stopped = process.returncode == INTERRUPTED
+        except KeyboardInterrupt:
+            # The terminal has told the process, too; it keeps a checkpoint.
+            process.wait()
+            stopped = True
+    if stopped:
+        say("stopped; the same command goes on")
+        raise typer.Exit(INTERRUPTED)
+    if process.returncode != 0:
+        raise EnvironmentFault(f"{picture.name} was not made: status {process.returncode}")
+    told = json.loads(output)
+    memory = told["memory"] or 0
+    say(
+        f"{path}: {time.perf_counter() - began:.0f} s, {told['rays'] / 1e6:.3g} million rays,"
+        f" {told['rays_per_second'] / 1e6:.2g} million/s, {memory / 1e6:.0f} MB"
+    )
+    return int(memory)
 
 
 STARTER = """\
@@ -148,7 +229,7 @@ def start(name: str) -> None:
     path = Path(name if name.endswith(".pcsg") else name + ".pcsg")
     if path.exists():
         raise UsageError(f"{path} is there already; it is left as it is")
-    from pcsg.outputs import check_output, write_whole
+    from pcsg.outputs import check_output
 
     check_output(path, (".pcsg",))
     text = STARTER.replace("NAME", path.stem).replace("\\\\\\\\", "\\\\")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from pcsg.commands.guard import say
+from pcsg.commands.options import parse_assignments
 from pcsg.commands.scenes import open_scene
 from pcsg.errors import UsageError
 
@@ -210,6 +211,8 @@ def _read(given: Input) -> tuple[Skeleton, list[str]]:
     from pcsg.treemesh.meshes import extract
 
     ending = given.file.suffix.lower()
+    if _is_species(given.file):
+        return _grown(given), []
     if ending in SKELETON_ENDINGS:
         return load_skeleton(given.file), []
     if given.is_mesh:
@@ -220,6 +223,31 @@ def _read(given: Input) -> tuple[Skeleton, list[str]]:
         return limbs.skeleton, list(limbs.notes)
     known = ", ".join((*MESHES, *SKELETON_ENDINGS, *GRAMMARS))
     raise UsageError(f"{given.file}: the name must end in one of {known}")
+
+
+def _is_species(file: Path) -> bool:
+    """Return whether a file is a growing tree's, or its name that of a shipped one."""
+    from pcsg.growth.species import shipped
+
+    if str(file) in shipped():
+        return True
+    if file.suffix.lower() != ".json" or not file.is_file():
+        return False
+    text = file.read_text("utf-8", errors="replace")
+    return '"curves"' in text or '"species"' in text
+
+
+def _grown(given: Input) -> Skeleton:
+    """Return the axes of a growing tree at the time ``-D t=``, by default the last autumn."""
+    from pcsg.growth.model import GrowthModel
+
+    values = parse_assignments(given.assignments)
+    unknown = values.keys() - {"t", "seed"}
+    if unknown:
+        raise UsageError(f"a growing tree has the parameters t and seed, not {min(unknown)}")
+    seed = values.get("seed", given.seed)
+    model = GrowthModel.load(given.file, None if seed is None else int(seed))
+    return model.at(values.get("t", model.species.ymax - 0.25)).skeleton()
 
 
 def _tell(surf: QuadMesh, files: Sequence[Path], notes: Sequence[str], wanted: Output) -> None:

@@ -18,6 +18,7 @@ from pcsg.commands.scenes import open_scene
 from pcsg.errors import EvaluationFault, UsageError
 
 if TYPE_CHECKING:
+    from pcsg.render.image import Image
     from pcsg.render.job import Job
     from pcsg.render.options import Options
     from pcsg.scene import Scene
@@ -41,6 +42,7 @@ class RenderArguments:
     settings: Mapping[str, str]
     aov: str
     bits: int
+    denoise: bool
     tile: str | None
     resume: bool
     show_every: float | None
@@ -70,6 +72,10 @@ def run(arguments: RenderArguments) -> None:
     output = arguments.output or Path(arguments.file.stem + ".png")
     layers = [name.strip() for name in arguments.aov.split(",") if name.strip()]
     check_picture(output, layers, arguments.bits)
+    if arguments.denoise:
+        from pcsg.render.denoise import load_denoiser
+
+        load_denoiser()
     if arguments.show_every is not None and not arguments.show_every > 0:
         raise UsageError("--show-every takes a number of seconds above 0")
     scene = open_scene(
@@ -165,17 +171,21 @@ def _announce_compilation(scene: Scene) -> None:
 def _save(job: Job, output: Path, layers: Sequence[str], arguments: RenderArguments) -> list[Path]:
     """Write the picture, or the tile and, with the last one, the picture; return the files."""
     if job.options.tile is None:
-        return job.image().save(output, layers, arguments.bits)
+        return _finished(job.image(), arguments).save(output, layers, arguments.bits)
     from pcsg.render.checkpoint import join_tiles, write_tile
 
     tile = write_tile(job, output)
     image, tiles = join_tiles(job, output)
     if image is None:
         return [tile]
-    files = image.save(output, layers, arguments.bits)
+    files = _finished(image, arguments).save(output, layers, arguments.bits)
     for path in tiles:
         path.unlink(missing_ok=True)
     return files
+
+
+def _finished(image: Image, arguments: RenderArguments) -> Image:
+    return image.denoised() if arguments.denoise else image
 
 
 def _save_part(job: Job, output: Path, kept: Path) -> None:

@@ -28,6 +28,8 @@ from pcsg.vec import IDENTITY, Affine, Vec3
 Bounds = tuple[float, float, float, float, float, float]
 """Lower x, y, z, upper x, y, z; lower above upper where empty."""
 
+Direction = tuple[float, float, float]
+
 INF = math.inf
 EMPTY: Bounds = (INF, INF, INF, -INF, -INF, -INF)
 EVERYTHING: Bounds = (-INF, -INF, -INF, INF, INF, INF)
@@ -47,13 +49,13 @@ _NESTED = 6
 _WIDE = 24
 """Operands of a union from which on their bounds are computed as arrays."""
 
-_DIRECTIONS = (
-    Vec3(-1.0, 0.0, 0.0),
-    Vec3(0.0, -1.0, 0.0),
-    Vec3(0.0, 0.0, -1.0),
-    Vec3(1.0, 0.0, 0.0),
-    Vec3(0.0, 1.0, 0.0),
-    Vec3(0.0, 0.0, 1.0),
+_DIRECTIONS: tuple[Direction, ...] = (
+    (-1.0, 0.0, 0.0),
+    (0.0, -1.0, 0.0),
+    (0.0, 0.0, -1.0),
+    (1.0, 0.0, 0.0),
+    (0.0, 1.0, 0.0),
+    (0.0, 0.0, 1.0),
 )
 
 
@@ -279,7 +281,7 @@ class Hulls:
             sides.append(self._search(part.hull, w, offset, known, 0))
         return (-sides[0], -sides[1], -sides[2], sides[3], sides[4], sides[5])
 
-    def _search(self, hull: Hull, w: Vec3, offset: float, known: float, nested: int) -> float:
+    def _search(self, hull: Hull, w: Direction, offset: float, known: float, nested: int) -> float:
         """Return ``offset`` plus the support in direction w, but at least `known`."""
         best = known
         bound, exact = _bound(hull, w)
@@ -310,8 +312,12 @@ class Hulls:
                     upper = min(upper, self._search(part, u, o, -INF, nested + 1))
                 best = max(best, upper)
                 continue
+            x, y, z = w
             for m, part in _promising(hull, w, at, best):
-                u, o = _transpose(m, w), at + _offset(m, w)
+                # Searches are most of the time that blocks take to build: no calls here.
+                ax, bx, cx, dx, ay, by, cy, dy, az, bz, cz, dz = m
+                o = at + (dx * x + dy * y + dz * z)
+                u = (ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z)
                 bound, exact = _bound(part, u)
                 if o + bound <= best:
                     continue
@@ -344,32 +350,38 @@ def join_all(boxes: Sequence[Bounds]) -> Bounds:
     return found
 
 
-def _bound(hull: Hull, w: Vec3) -> tuple[float, bool]:
+def _bound(hull: Hull, w: Direction) -> tuple[float, bool]:
     """Return an upper bound of the support, and whether it is the support itself."""
     if hull.leaf is not None:
-        return hull.leaf.support(w, hull.args), True
-    box = hull.box
+        return hull.leaf.support(Vec3(*w), hull.args), True
+    x, y, z = w
+    lx, ly, lz, hx, hy, hz = hull.box
+    # Zero times infinity is not a number.
     total, axes = 0.0, 0
-    for i in range(3):
-        d = w[i]
-        if d != 0.0:
-            axes += 1
-            total += d * (box[i + 3] if d > 0.0 else box[i])
-    if axes <= 1 and box is not EVERYTHING:
+    if x != 0.0:
+        axes += 1
+        total += x * (hx if x > 0.0 else lx)
+    if y != 0.0:
+        axes += 1
+        total += y * (hy if y > 0.0 else ly)
+    if z != 0.0:
+        axes += 1
+        total += z * (hz if z > 0.0 else lz)
+    if axes <= 1 and hull.box is not EVERYTHING:
         return total, True
     if hull.radius < INF:
-        c = hull.center
-        ball = c.x * w.x + c.y * w.y + c.z * w.z + hull.radius * math.hypot(*w)
+        cx, cy, cz = hull.center
+        ball = cx * x + cy * y + cz * z + hull.radius * math.hypot(x, y, z)
         total = min(total, ball)
     return total, False
 
 
-def _promising(hull: Hull, w: Vec3, at: float, best: float) -> tuple[Part, ...] | list[Part]:
+def _promising(hull: Hull, w: Direction, at: float, best: float) -> tuple[Part, ...] | list[Part]:
     """Return the parts of a union that may exceed `best`, of many parts the best ones first."""
     if hull.wide is None:
         return hull.parts
     m, boxes = hull.wide
-    u = m[:, 0:4] * w.x + m[:, 4:8] * w.y + m[:, 8:12] * w.z
+    u = m[:, 0:4] * w[0] + m[:, 4:8] * w[1] + m[:, 8:12] * w[2]
     with np.errstate(invalid="ignore"):
         corner = np.where(u[:, :3] > 0.0, boxes[:, 3:], boxes[:, :3]) * u[:, :3]
     corner[u[:, :3] == 0.0] = 0.0
@@ -379,16 +391,17 @@ def _promising(hull: Hull, w: Vec3, at: float, best: float) -> tuple[Part, ...] 
     return [hull.parts[i] for i in order if not upper[i] + slack[i] <= best]
 
 
-def _transpose(m: Affine, d: Vec3) -> Vec3:
-    return Vec3(
-        m.m00 * d.x + m.m10 * d.y + m.m20 * d.z,
-        m.m01 * d.x + m.m11 * d.y + m.m21 * d.z,
-        m.m02 * d.x + m.m12 * d.y + m.m22 * d.z,
+def _transpose(m: Affine, d: Direction) -> Direction:
+    x, y, z = d
+    return (
+        m.m00 * x + m.m10 * y + m.m20 * z,
+        m.m01 * x + m.m11 * y + m.m21 * z,
+        m.m02 * x + m.m12 * y + m.m22 * z,
     )
 
 
-def _offset(m: Affine, d: Vec3) -> float:
-    return m.m03 * d.x + m.m13 * d.y + m.m23 * d.z
+def _offset(m: Affine, d: Direction) -> float:
+    return m.m03 * d[0] + m.m13 * d[1] + m.m23 * d[2]
 
 
 def _point(m: Affine, p: Vec3) -> tuple[float, float, float]:

@@ -113,8 +113,8 @@ def read_growth(text: str, folder: Path) -> Growth:
 
 
 @word
-class Wood(Blob):
-    """The wood of a growing tree: ``wood("populus", t)``; see `tree`."""
+class TreeWood(Blob):
+    """The wood of a growing tree: ``tree_wood("populus", t)``; see `tree`."""
 
     constants = _SPECIES
     parameters = _NUMBERS
@@ -137,8 +137,8 @@ class Wood(Blob):
 
 
 @word
-class Foliage(Mesh):
-    """The leaves of a growing tree: ``foliage("populus", t)``, sheets; see `tree`."""
+class TreeLeaves(Mesh):
+    """The leaves of a growing tree: ``tree_leaves("populus", t)``, sheets; see `tree`."""
 
     constants = _SPECIES
     parameters = _NUMBERS
@@ -176,7 +176,7 @@ class Tree(Solid):
 
     constants = _SPECIES
     parameters = _NUMBERS
-    parts = (Wood, Foliage)
+    parts = (TreeWood, TreeLeaves)
 
     @classmethod
     def read_constant(cls, text: str, folder: Path) -> Growth:
@@ -189,4 +189,6 @@ def _growth(constants: Sequence[Constant]) -> Growth:
     return growth
 
 
-tree, wood, foliage = LeafConstructor(Tree), LeafConstructor(Wood), LeafConstructor(Foliage)
+tree = LeafConstructor(Tree)
+tree_wood = LeafConstructor(TreeWood)
+tree_leaves = LeafConstructor(TreeLeaves)

@@ -78,7 +78,7 @@ class LeafForm:
     angle: float = _number(50.0, 0.0, 180.0)
     droop: float = _number(20.0, -90.0, 90.0)
     form: str = field(default="deltoid", metadata={"words": ("deltoid", "oval", "needle")})
-    green: tuple[float, float, float] = field(default=(0.13, 0.26, 0.05), metadata={"rgb": True})
+    green: tuple[float, float, float] = field(default=(0.21, 0.37, 0.08), metadata={"rgb": True})
     autumn: tuple[float, float, float] = field(default=(0.80, 0.55, 0.06), metadata={"rgb": True})
 
 

@@ -9,12 +9,13 @@ need be joined to others while a tree grows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.blobtree.boxes import along_curve
 from pcsg.blobtree.fields import REACH
 from pcsg.blobtree.frames import carried_turns
 from pcsg.blobtree.nodes import Cones, Field, joint, paint, place, point, total, weight
@@ -33,6 +34,9 @@ TIP_RADIUS = 0.3
 FOOT_DEPTH, FOOT_FLARE, FOOT_HEIGHT = 2.0, 1.35, 2.5
 """In radii of the trunk's foot: how deep it goes into the ground, its radius there, and the height
 from which it widens."""
+
+BARK_RADII, BARK_SHADES = (0.004, 0.04), 8
+"""Radii, in metres, between which bark goes from a twig's to a trunk's; in how many steps."""
 
 THINNEST = 2e-4
 """Of limbs, in metres: what is thinner has no field."""
@@ -175,20 +179,37 @@ def wood_field(state: State, finest: float = 0.004) -> Field:
     pieces = find_pieces(state)
     first = np.flatnonzero(np.diff(pieces.branch, prepend=-1))
     last = np.append(first[1:], len(pieces))
-    radius = np.zeros(len(state.branches.length))
-    radius[pieces.branch[first]] = pieces.base[first]
-    parts: list[Field] = []
-    for i, j in zip(first.tolist(), last.tolist(), strict=True):
-        parts.append(pieces.cones(np.arange(i, j)))
+    parts: list[Field] = _branches(state, pieces, first, last)
     relief = find_relief(state, finest)
     parts += _scars(state)
     base = total(*parts) if len(parts) > 1 else parts[0]
-    bark = state.species.bark
     junctions = [_junction(pieces, first, last, r) for r in relief]
     known = [(j, r.united) for j, r in zip(junctions, relief, strict=True) if j is not None]
     if known:
         base = joint(base, *(j for j, _ in known), united=[u for _, u in known])
-    return paint(base, **_rgb(bark.old))
+    return paint(base, **_rgb(state.species.bark.old))
+
+
+def _branches(state: State, p: Pieces, first: Ints, last: Ints) -> list[Field]:
+    """Return the sums of all branches of a colour: thin ones have the bark of twigs."""
+    young, old = np.array(state.species.bark.young), np.array(state.species.bark.old)
+    thick = np.log(p.base[first] / BARK_RADII[0]) / np.log(BARK_RADII[1] / BARK_RADII[0])
+    shade = np.rint(BARK_SHADES * smooth_step(thick)).astype(np.int64)
+    parts: list[Field] = []
+    for k in np.unique(shade).tolist():
+        rows = np.flatnonzero(shade == k)
+        colour = young + k / BARK_SHADES * (old - young)
+        parts.append(paint(_groups(p, first[rows], last[rows]), **_rgb(tuple(colour.tolist()))))
+    return parts
+
+
+def _groups(p: Pieces, first: Ints, last: Ints) -> Cones:
+    """Return the sum of some branches, near ones beside each other."""
+    order = along_curve(0.5 * (p.start[first] + p.end[last - 1]))
+    count = (last - first)[order]
+    groups = np.cumsum(count) - count
+    rows = np.arange(count.sum()) - np.repeat(groups, count) + np.repeat(first[order], count)
+    return replace(p.cones(rows), groups=groups)
 
 
 def _junction(
@@ -240,5 +261,5 @@ def _scars(state: State) -> list[Field]:
     return parts
 
 
-def _rgb(colour: tuple[float, float, float]) -> dict[str, float]:
+def _rgb(colour: tuple[float, ...]) -> dict[str, float]:
     return dict(zip(("@red", "@green", "@blue"), colour, strict=True))

@@ -8,16 +8,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakValueDictionary
 
 import numpy as np
 
-from pcsg.blobtree.areas import Areas, junction_areas
 from pcsg.blobtree.fields import T
 from pcsg.blobtree.layout import wide
-from pcsg.blobtree.lines import internodes
-from pcsg.blobtree.model import Model as Fields
 from pcsg.blobtree.native import (
     DESCRIPTION,
     FIELD,
@@ -27,10 +24,7 @@ from pcsg.blobtree.native import (
     ask,
     reserve_floats,
 )
-from pcsg.blobtree.nodes import Field, color
-from pcsg.blobtree.plant import BARK, drawing_of, plant_of, read_plain, read_text
 from pcsg.blobtree.points import ATTRIBUTE_COLUMNS, LABEL, U, V
-from pcsg.blobtree.tree import MODES, Junctions, grow
 from pcsg.errors import UsageError
 from pcsg.jit import njit
 from pcsg.leaf.registry import (
@@ -47,6 +41,11 @@ from pcsg.leaf.registry import (
 )
 from pcsg.skeletonfile import SKELETON_ENDINGS, parse_rows
 from pcsg.vec import Ray, Vec3
+
+if TYPE_CHECKING:
+    from pcsg.blobtree.areas import Areas
+    from pcsg.blobtree.model import Model as Fields
+    from pcsg.blobtree.nodes import Field
 
 
 class BlobModel(Model):
@@ -93,6 +92,9 @@ class BlobSource(Constant):
 
     def model(self, values: Sequence[float]) -> BlobModel:
         """Return the flattened field, the same one for the same values."""
+        # Most scenes have no blobs, and do without what makes them.
+        from pcsg.blobtree.model import Model as Fields
+
         key = tuple(values)
         found = self._models.get(key)
         if found is None:
@@ -143,9 +145,14 @@ class PlantSource(FileSource):
         super().__init__(text, name, ("seed",))
 
     def build(self, values: Sequence[float]) -> Field:
+        from pcsg.blobtree.plant import plant_of
+
         return plant_of(self._text, self._name, self._seed(values))
 
     def junctions(self, values: Sequence[float]) -> Areas | None:
+        from pcsg.blobtree.areas import junction_areas
+        from pcsg.blobtree.plant import drawing_of
+
         return junction_areas(drawing_of(self._text, self._name, self._seed(values)).skeleton)
 
     def _seed(self, values: Sequence[float]) -> int | None:
@@ -158,6 +165,8 @@ class SkeletonSource(FileSource):
     defaults = (1.0, 0.0)
 
     def __init__(self, text: str, name: str) -> None:
+        from pcsg.blobtree.lines import internodes
+
         super().__init__(text, name, ("junctions", "bend"))
         try:
             self._skeleton = internodes(parse_rows(text, name))
@@ -166,6 +175,10 @@ class SkeletonSource(FileSource):
             raise UsageError(told if told.startswith(name) else f"{name}: {told}") from None
 
     def build(self, values: Sequence[float]) -> Field:
+        from pcsg.blobtree.nodes import color
+        from pcsg.blobtree.plant import BARK
+        from pcsg.blobtree.tree import MODES, Junctions, grow
+
         mode, bend = values
         if mode not in range(len(MODES)):
             known = ", ".join(f"{k} {name}" for k, name in enumerate(MODES))
@@ -173,6 +186,8 @@ class SkeletonSource(FileSource):
         return color(*BARK, grow(self._skeleton, Junctions(mode=MODES[int(mode)], bend=bend)))
 
     def junctions(self, values: Sequence[float]) -> Areas | None:
+        from pcsg.blobtree.areas import junction_areas
+
         return junction_areas(self._skeleton)
 
 
@@ -223,6 +238,8 @@ class Blob(Solid):
 
     @classmethod
     def read_constant(cls, text: str, folder: Path) -> BlobSource:
+        from pcsg.blobtree.plant import read_plain, read_text
+
         path = folder / text
         key: tuple[object, ...] = (path,)
         with suppress(OSError, ValueError):  # the reader tells what is wrong
@@ -239,6 +256,8 @@ class Blob(Solid):
 
     @classmethod
     def take_arguments(cls, args: Sequence[Any]) -> tuple[tuple[Constant, ...], Sequence[Any]]:
+        from pcsg.blobtree.nodes import Field
+
         if args and isinstance(args[0], Field):
             return (FieldSource(args[0]),), args[1:]
         if args and isinstance(args[0], BlobSource):

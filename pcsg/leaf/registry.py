@@ -19,6 +19,7 @@ begin.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -348,12 +349,14 @@ def leaf(cls: L) -> L:
 
 
 def word(cls: L) -> L:
-    """Register a name that stands for leaves which are there already: it needs no kernels.
+    """Register a word that stands for leaves which are there already: it needs no kernels.
+
+    ``TreeWood`` is written ``tree_wood``.
 
     A subclass of a leaf has that leaf's kernels and makes models of its own; any other class says
     in `Solid.parts` what it stands for.
     """
-    cls.name = cls.__name__.lower()
+    cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
     LEAF_NAMES[cls.name] = cls
     return cls
 

@@ -165,9 +165,12 @@ def _write_animation(
 
 def _write_film(place: Path, frames: Sequence[Path], per_second: float) -> None:
     """Hand the frames to ffmpeg one after the other."""
-    command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "image2pipe", "-framerate"]
-    command += [str(per_second), "-c:v", "png", "-i", "-", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"]
-    command += ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18", str(place)]
+    command = ["ffmpeg", "-y", "-loglevel", "error"]
+    command += ["-f", "image2pipe", "-framerate", str(per_second), "-c:v", "png", "-i", "-"]
+    # Players know colours of half the size only (yuv420p), for which sides must be even. A film
+    # that begins with its index starts while it is loading.
+    command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-pix_fmt", "yuv420p"]
+    command += ["-crf", "18", "-movflags", "+faststart", str(place)]
     data = b"".join(path.read_bytes() for path in frames)
     done = subprocess.run(command, input=data, capture_output=True, check=False)
     if done.returncode != 0:

@@ -3,8 +3,9 @@
 Three kinds of matter are mixed by `metallic` and `transmission`: metal, glass, and a coated matt
 surface which may let light through (`translucency`). All gloss is GGX with Smith's masking of both
 directions (Walter et al. 2007; Heitz 2014), drawn by visible normals (Dupuy and Benyoub 2023).
-Light that single scattering loses on rough metal comes back as in Kulla and Conty 2017, and what a
-coat does not reflect is left for the matt base, so that a white surface in white light is white.
+Light that single scattering loses on rough metal comes back as in Kulla and Conty 2017, on rough
+glass in the directions of the rest (Turquin 2019), and what a coat does not reflect is left for the
+matt base, so that a white surface in white light is white.
 
 Directions are in the frame of the shading normal, +z, unit and away from the surface: v to the
 viewer, w to the light, h halfway.
@@ -67,29 +68,59 @@ class Albedo(NamedTuple):
         (R, C)
     mean_low, mean_high
         (R,) averages over the cosine-weighted hemisphere.
+    glass
+        (2, E, R, C) what glass mirrors and refracts together: looked at from outside or inside, by
+        its index of refraction; see `_glass_row`. Of no size where there is no glass.
     """
 
     low: Floats
     high: Floats
     mean_low: Floats
     mean_high: Floats
+    glass: Floats
 
 
 ROUGHNESSES, COSINES = 24, 24
 """Rows and columns; columns go by the root of the cosine, since grazing gloss changes fast."""
 
 
-@cache
-def albedo_tables() -> Albedo:
-    """Return the reflected shares by integration over drawn normals."""
-    side = 24
+GLASSES, MOST_GLASS = 9, 0.75
+"""Rows for indices of refraction, and the largest root of (ior - 1) / (ior + 1): 3.6."""
+
+
+class _Facets(NamedTuple):
+    """Facets as seen from a direction, over roughness, cosine and numbers to draw them.
+
+    Attributes
+    ----------
+    squared
+        Square of the roughness parameter alpha.
+    vz
+        Cosine of the viewer.
+    vh, hz
+        Cosines of the facet to the viewer and to the surface.
+    """
+
+    squared: Floats
+    vz: Floats
+    vh: Floats
+    hz: Floats
+
+    def masking(self, lz: Floats) -> Floats:
+        """Return G2 / G1 for light at cosines lz on either side."""
+        to_viewer = self.vz * np.sqrt(self.squared + (1.0 - self.squared) * lz**2)
+        own = np.sqrt(self.squared + (1.0 - self.squared) * self.vz**2)
+        return np.asarray(lz * (self.vz + own) / (to_viewer + lz * own))
+
+
+def _draw_facets(roughnesses: int, cosines: int, side: int) -> _Facets:
+    """Return visible normals, as of `_visible_normal`, (R, C, side * side)."""
     u, turn = ((v.ravel() + 0.5) / side for v in np.mgrid[0:side, 0:side])
-    roughness = np.linspace(0.0, 1.0, ROUGHNESSES)
-    cosine = np.linspace(0.0, 1.0, COSINES) ** 2
+    roughness = np.linspace(0.0, 1.0, roughnesses)
+    cosine = np.linspace(0.0, 1.0, cosines) ** 2
     alpha = np.maximum(roughness**2, MIN_ALPHA)[:, None, None]
     vz = np.maximum(cosine, 1e-3)[None, :, None]
     vx = np.sqrt(1.0 - vz * vz)
-    # Visible normals, as in `_visible_normal`.
     length = np.hypot(alpha * vx, vz)
     sx, sz = alpha * vx / length, vz / length
     cz = (1.0 - u) * (1.0 + sz) - sz
@@ -99,21 +130,52 @@ def albedo_tables() -> Albedo:
     hz = np.maximum(cz + sz, 1e-12)
     scale = 1.0 / np.sqrt(hx * hx + hy * hy + hz * hz)
     vh = np.clip((vx * hx + vz * hz) * scale, 0.0, 1.0)
-    lz = 2.0 * vh * hz * scale - vz
-    squared = alpha * alpha
-    to_viewer = vz * np.sqrt(squared + (1.0 - squared) * np.maximum(lz, 0.0) ** 2)
-    to_light = lz * np.sqrt(squared + (1.0 - squared) * vz * vz)
-    # G2 / G1 of a drawn normal.
-    masking = lz * (vz + np.sqrt(squared + (1.0 - squared) * vz * vz)) / (to_viewer + to_light)
-    masking = np.where(lz > 0, masking, 0.0)
-    edge = (1.0 - vh) ** 5
+    return _Facets(alpha * alpha, vz, vh, hz * scale)
+
+
+@cache
+def albedo_tables(glass: bool = True) -> Albedo:
+    """Return the reflected shares by integration over drawn normals.
+
+    Parameters
+    ----------
+    glass
+        Whether the table for glass is needed.
+    """
+    facets = _draw_facets(ROUGHNESSES, COSINES, 24)
+    lz = 2.0 * facets.vh * facets.hz - facets.vz
+    masking = np.where(lz > 0, facets.masking(np.maximum(lz, 0.0)), 0.0)
+    edge = (1.0 - facets.vh) ** 5
     low = (masking * (1.0 - edge)).mean(axis=2)
     high = (masking * edge).mean(axis=2)
     # Averages of what stands between the columns, where `_share` draws straight lines.
     fine = (np.arange(2048) + 0.5) / 2048
-    hats = np.stack([np.interp(fine, np.sqrt(cosine), hat) for hat in np.eye(COSINES)])
+    columns = np.linspace(0.0, 1.0, COSINES)
+    hats = np.stack([np.interp(fine, columns, hat) for hat in np.eye(COSINES)])
     weight = hats @ (4.0 * fine**3) / len(fine)
-    return Albedo(low, high, low @ weight, high @ weight)
+    both = _glass_table() if glass else np.ones((2, 0, 0, 0))
+    return Albedo(low, high, low @ weight, high @ weight, both)
+
+
+def _glass_table() -> Floats:
+    """Return what glass mirrors and refracts together: (2, E, R, C)."""
+    facets = _draw_facets(ROUGHNESSES, COSINES, 18)
+    vh, hz = facets.vh, facets.hz
+    up = 2.0 * vh * hz - facets.vz
+    mirrored = np.where(up > 0, facets.masking(np.maximum(up, 0.0)), 0.0)
+    rows = np.linspace(0.0, MOST_GLASS, GLASSES) ** 2
+    table = np.empty((2, GLASSES, ROUGHNESSES, COSINES))
+    for k, ior in enumerate((1.0 + rows) / (1.0 - rows)):
+        for inside, eta in enumerate((ior, 1.0 / ior)):
+            beyond = np.sqrt(np.maximum(1.0 - (1.0 - vh**2) / eta**2, 0.0))
+            parallel = (eta * vh - beyond) / (eta * vh + beyond)
+            across = (vh - eta * beyond) / (vh + eta * beyond)
+            fresnel = np.where(beyond > 0.0, 0.5 * (parallel**2 + across**2), 1.0)
+            down = -((vh / eta - beyond) * hz - facets.vz / eta)
+            refracted = np.where(down > 0, facets.masking(np.maximum(down, 0.0)), 0.0)
+            share = fresnel * mirrored + (1.0 - fresnel) * refracted
+            table[inside, k] = share.mean(axis=2)
+    return table
 
 
 @njit
@@ -126,6 +188,28 @@ def _share(table: Floats, roughness: float, cosine: float) -> float:
     upper = (1 - t) * table[i, j] + t * table[i, j + 1]
     lower = (1 - t) * table[i + 1, j] + t * table[i + 1, j + 1]
     return float((1 - s) * upper + s * lower)
+
+
+@njit
+def _glass_row(eta: float) -> tuple[int, float]:
+    """Return the table of a relative index of refraction, and where in it that lies."""
+    inside = 1 if eta < 1.0 else 0
+    ior = 1.0 / eta if eta < 1.0 else eta
+    root = math.sqrt((ior - 1.0) / (ior + 1.0))
+    return inside, min(root / MOST_GLASS, 1.0) * (GLASSES - 1)
+
+
+@njit
+def _regain(x: _Mix, a: Albedo, vz: float) -> float:
+    """Return by how much rough glass must be brighter to lose nothing (Turquin 2019)."""
+    if x.thin:
+        share = _share(a.low, x.roughness, vz) + _share(a.high, x.roughness, vz)
+        return 1.0 / max(share, 1e-3)
+    inside, row = _glass_row(x.eta)
+    k = min(int(row), GLASSES - 2)
+    near = _share(a.glass[inside, k], x.roughness, vz)
+    far = _share(a.glass[inside, k + 1], x.roughness, vz)
+    return 1.0 / max(near + (row - k) * (far - near), 1e-3)
 
 
 @njit
@@ -292,6 +376,7 @@ def _evaluate(x: _Mix, a: Albedo, v: Vec3, w: Vec3) -> tuple[float, float, float
     gloss, matt, far = _lobes(x, a, v.z)
     squared = x.alpha * x.alpha
     cosine = abs(w.z)
+    glass = x.glass * _regain(x, a, v.z) if x.glass > 0.0 else 0.0
     red, green, blue, density = 0.0, 0.0, 0.0, 0.0
     # The matt base below the coat, on either side.
     passed = x.coated * cosine * (1.0 - _coat(x, a, v.z)) * (1.0 - _coat(x, a, cosine)) / math.pi
@@ -312,7 +397,7 @@ def _evaluate(x: _Mix, a: Albedo, v: Vec3, w: Vec3) -> tuple[float, float, float
         bright = d * 0.5 * w.z / (w.z * toward + v.z * _reach(w.z, squared))
         shared = x.coated * _schlick(x.base, x.edge, vh)
         if x.glass > 0.0:
-            shared += x.glass * _fresnel(vh, x.eta)
+            shared += glass * _fresnel(vh, x.eta)
         red += bright * (shared + x.metal * _schlick(x.red, 1.0, vh))
         green += bright * (shared + x.metal * _schlick(x.green, 1.0, vh))
         blue += bright * (shared + x.metal * _schlick(x.blue, 1.0, vh))
@@ -346,7 +431,7 @@ def _evaluate(x: _Mix, a: Albedo, v: Vec3, w: Vec3) -> tuple[float, float, float
                 both = v.z * _reach(cosine, squared) + cosine * toward
                 share = cosine * (v.z + toward) / both
                 facet = 2.0 * vh * d / (v.z + toward) * spread
-                bright = refracted * facet * share * narrowed
+                bright = glass * (1.0 - _fresnel(vh, x.eta)) * facet * share * narrowed
                 power = 1.0 if x.thin else 0.5
                 red += bright * x.red**power
                 green += bright * x.green**power

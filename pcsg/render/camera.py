@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,10 @@ class Camera:
     aperture: float = 0.0
     focus: float | None = None
 
+    @cached_property
+    def _basis(self) -> tuple[Floats, Floats, Floats]:
+        return basis(self.eye, self.target, self.up)
+
     def rays(self, x: Floats, y: Floats, size: tuple[int, int], lens: Floats | None = None) -> Any:
         """Return the rays through points of the picture.
 
@@ -63,7 +68,7 @@ class Camera:
         origins, directions
             (N, 3) each; directions have unit length.
         """
-        right, up, forward = basis(self.eye, self.target, self.up)
+        right, up, forward = self._basis
         width, height = size
         tangent = math.tan(math.radians(self.fov) / 2)
         across = (2.0 * x - width) / height * tangent

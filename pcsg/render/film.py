@@ -9,12 +9,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.render import cascade
+from pcsg.render.cascade import Cascade
 from pcsg.render.tracer import GROUND, Bools, Floats, Ints
 from pcsg.render.view import View
 from pcsg.trace.hits import Hits
 
-BYTES_PER_PIXEL = 120
+BYTES_PER_PIXEL = 120 + cascade.BYTES_PER_PIXEL
 """Memory of a film with its picture, an upper estimate."""
+
+WHITE = 2.0
+"""Brightness that single samples may have, over what is shown as white."""
 
 CONTRAST = 0.03
 """Difference between neighbours, as displayed (0 to 1), that asks for more samples."""
@@ -35,6 +40,8 @@ class Film:
         Width and height in pixels.
     view
         How light is shown: what looks alike needs no more samples.
+    rare
+        Whether there may be bright samples that are too rare to be shown: see `Cascade`.
 
     Attributes
     ----------
@@ -48,7 +55,7 @@ class Film:
         (H, W[, 3]) of the first sample, at the pixel's centre.
     """
 
-    def __init__(self, size: tuple[int, int], view: View) -> None:
+    def __init__(self, size: tuple[int, int], view: View, rare: bool = False) -> None:
         width, height = size
         self.size = size
         self.view = view
@@ -62,6 +69,7 @@ class Film:
         self.albedo = np.zeros((*shape, 3), dtype=np.float32)
         self.label = np.full(shape, -1, dtype=np.int64)
         self.leaf = np.full(shape, -1, dtype=np.int32)
+        self._cascade = Cascade(size, WHITE * 2.0**-view.exposure) if rare else None
 
     def add(self, pixels: Ints, rgb: Floats) -> None:
         """Add samples (P, K, 3) to P different pixels, given by their positions in the picture."""
@@ -71,6 +79,8 @@ class Film:
         self.tone.reshape(-1)[pixels] += tone.sum(axis=1).astype(np.float32)
         self.tone2.reshape(-1)[pixels] += (tone * tone).sum(axis=1).astype(np.float32)
         self.count.reshape(-1)[pixels] += rgb.shape[1]
+        if self._cascade is not None:
+            self._cascade.add(pixels, rgb)
 
     def set_first(self, pixels: Ints, hits: Hits, albedo: Floats) -> None:
         """Keep what the rays through the centres of P pixels met, and its colours (P, 3)."""
@@ -83,12 +93,19 @@ class Film:
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
         """Return all that has been gathered, by name; writing to it changes the film."""
-        return {name: getattr(self, name) for name in _ARRAYS}
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        if self._cascade is not None:
+            arrays["layers"] = self._cascade.layers
+        return arrays
 
     def mean(self) -> NDArray[np.float32]:
         """Return the (H, W, 3) linear picture; black where there are no samples yet."""
+        total = self.total if self._cascade is None else self.total - self._cascade.excess()
+        return self._per_sample(total)
+
+    def _per_sample(self, total: NDArray[np.float32]) -> NDArray[np.float32]:
         count = np.maximum(self.count, 1)[..., None].astype(np.float32)
-        return np.asarray(self.total / count, dtype=np.float32)
+        return np.asarray(total / count, dtype=np.float32)
 
     def unfinished(self, taken: int) -> Bools:
         """Return the (H, W) pixels that need more samples.
@@ -101,7 +118,7 @@ class Film:
         """
         last = self.count == taken
         different = np.zeros(self.count.shape, dtype=bool)
-        shown, error = self.view.encode(self.mean()), self._error()
+        shown, error = self.view.encode(self._per_sample(self.total)), self._error()
         for here, there in _NEIGHBOURS:
             step = np.abs(shown[here] - shown[there]).max(axis=2) > CONTRAST
             if taken == 1:

@@ -32,7 +32,7 @@ def write_png(file: IO[bytes], pixels: NDArray[np.generic], texts: Mapping[str, 
             _write_chunk(file, b"tEXt", keyword.encode() + b"\x00" + text.encode())
         else:
             _write_chunk(file, b"iTXt", keyword.encode() + b"\x00\x00\x00\x00\x00" + text.encode())
-    _write_chunk(file, b"IDAT", zlib.compress(rows.tobytes(), 9))
+    _write_chunk(file, b"IDAT", zlib.compress(rows.tobytes(), 6))
     _write_chunk(file, b"IEND", b"")
 
 

@@ -73,6 +73,18 @@ class Image:
         opacity = np.where(self.finished, top, np.float32(0)).astype(kind)
         return np.concatenate([shown, opacity[..., None]], axis=2)
 
+    def denoised(self) -> Image:
+        """Return the picture without its noise, by Intel's Open Image Denoise.
+
+        Raises
+        ------
+        EnvironmentFault
+            The library is not installed: ``pip install 'pcsg[denoise]'``.
+        """
+        from pcsg.render.denoise import denoised
+
+        return denoised(self)
+
     def save(self, path: str | Path, aovs: Sequence[str] = (), bits: int = 8) -> list[Path]:
         """Write the picture, whole or not at all.
 

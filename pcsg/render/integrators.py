@@ -10,7 +10,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from pcsg.render.materials import Surface, dots
+from pcsg.render.emitters import Emitters
+from pcsg.render.leaving import OFFSET, begin_rays, limit_rays
+from pcsg.render.materials import Surface, dots, largest
 from pcsg.render.stage import Stage
 from pcsg.render.tracer import GROUND, Bools, Floats, Ints, Tracer
 from pcsg.trace.hits import Hits
@@ -22,7 +24,7 @@ class Purpose:
     Surfaces along a path take `BOUNCE + STRIDE * depth` and what follows it.
     """
 
-    PIXEL, LENS, SKY, FIRST_SKY, LIGHT = 0, 1, 2, 3, 8
+    PIXEL, LENS, SKY, FIRST_SKY, SHINING, LIGHT = 0, 1, 2, 3, 4, 8
     BOUNCE, STRIDE = 256, 4
     DIRECTION, LOBE, CHOICE, SHINE = 0, 1, 2, 3
 
@@ -68,9 +70,6 @@ class Integrator(Protocol):
         ...
 
 
-OFFSET = 1e-8
-"""Start of secondary rays off the surface, relative to position and distance."""
-
 HAZE = 12.0
 """Distance, in extents of the scene, at which the ground plane has faded into the sky."""
 
@@ -106,17 +105,25 @@ def leave(tracer: Tracer, surface: Surface, scale: Floats, towards: Floats) -> S
         (N,) greatest coordinate or distance, to which errors are relative.
     """
     m = surface.matter
-    inwards = dots(m.facing, towards) < 0
-    step = OFFSET * scale
-    origins = surface.position + (np.where(inwards, -step, step))[:, None] * m.facing
-    closed = np.zeros(len(scale), dtype=bool)
-    layered = inwards & (m.translucency > 0) & (m.transmission < 1) & ~m.sheet
+    n = len(scale)
+    origins, layered, closed = np.empty((n, 3)), np.empty(n, dtype=bool), np.zeros(n, dtype=bool)
+    begin_rays(
+        surface.position,
+        m.facing,
+        m.translucency,
+        m.transmission,
+        m.sheet,
+        scale,
+        towards,
+        origins,
+        layered,
+    )
     rows = np.flatnonzero(layered)
     if len(rows):
         through = tracer.intersect(origins[rows], towards[rows], 0.0, np.inf)
         out = dots(through.normal, towards[rows])
         closed[rows] = ~(out > 0) | (through.material != surface.number[rows])
-        away = step[rows, None] * through.normal
+        away = OFFSET * scale[rows, None] * through.normal
         origins[rows] = np.where(closed[rows, None], origins[rows], through.position + away)
     return Start(origins, closed, len(rows))
 
@@ -128,13 +135,48 @@ def find_blocked(
     if len(scale) == 0:
         return np.zeros(0, dtype=bool), 0
     start = leave(tracer, surface, scale, towards)
-    finite = np.where(np.isfinite(distance), distance, 0.0)[:, None]
-    target = surface.position + finite * towards
-    left = np.einsum("ij,ij->i", target - start.origins, towards)
-    t_max = np.where(np.isfinite(distance), np.maximum(left - 2.0 * OFFSET * scale, 0.0), np.inf)
-    return start.closed | tracer.occluded(start.origins, towards, 0.0, t_max), len(
-        scale
-    ) + start.rays
+    t_max = np.empty(len(scale))
+    limit_rays(surface.position, start.origins, towards, distance, scale, t_max)
+    blocked = start.closed | tracer.occluded(start.origins, towards, 0.0, t_max)
+    return blocked, len(scale) + start.rays
+
+
+class Shone(NamedTuple):
+    """What N surfaces get from things of the scene that shine.
+
+    Attributes
+    ----------
+    light
+        (N, 3) towards the viewer.
+    density
+        (N,) with which the shadow rays' directions were chosen.
+    scattered
+        (N,) with which the surfaces scatter there.
+    rays
+        How many rays it took.
+    """
+
+    light: Floats
+    density: Floats
+    scattered: Floats
+    rays: int
+
+
+def ask_emitters(
+    stage: Stage, emitters: Emitters, surface: Surface, scale: Floats, pairs: Floats
+) -> Shone:
+    """Send a shadow ray to what shines from every surface, by numbers (N, 2)."""
+    light = np.zeros((len(scale), 3))
+    aim = emitters.aim(surface.position, pairs)
+    reflected = surface.reflect(aim.direction)
+    useful = np.flatnonzero((largest(reflected.light) > 0) & (aim.density > 0))
+    towards = aim.direction[useful]
+    start = leave(stage.tracer, surface.take(useful), scale[useful], towards)
+    met = stage.tracer.intersect(start.origins, towards, 0.0, np.inf)
+    seen = np.isfinite(met.t) & ~start.closed
+    emission = np.where(seen[:, None], stage.materials.emission(met.material), 0.0)
+    light[useful] = reflected.light[useful] * emission / aim.density[useful, None]
+    return Shone(light, aim.density, reflected.density, start.rays + len(useful))
 
 
 def hazed(stage: Stage, light: Floats, hits: Hits, at: Ints, behind: Floats) -> Floats:

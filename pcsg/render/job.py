@@ -158,7 +158,8 @@ class Job:
         self.options = options
         self.stage = build_stage(scene, options.size, options.overrides, options.detail)
         first, last = options.film_rows
-        self.film = Film((options.size[0], last - first), self.stage.view)
+        rare = self.stage.mode == "path"
+        self.film = Film((options.size[0], last - first), self.stage.view, rare)
         self.progress = Progress(passes=len(options.levels))
         self.sampler = Sampler(options.size, options.samples, options.seed)
         self.integrator: Integrator = MODES[self.stage.mode](self.stage, self.sampler)
@@ -316,7 +317,7 @@ class Job:
         number = np.tile(np.arange(work.taken, work.level), len(pixels))
         y, x = np.divmod(np.repeat(pixels, k), width)
         samples = Samples(x, y + top, number)
-        shift = self._in_filter(samples)
+        shift = self._in_filter(samples, k)
         lens = None
         if self.stage.camera.aperture > 0:
             lens = self.sampler.pairs(*samples, Purpose.LENS)
@@ -330,17 +331,18 @@ class Job:
         work.done[batch] = True
         return len(number), light.rays
 
-    def _in_filter(self, samples: Samples) -> Floats:
+    def _in_filter(self, samples: Samples, k: int) -> Floats:
         """Return (N, 2) shifts from the pixel's centre, distributed as a tent of radius 1.
+
+        There are k samples of every pixel.
 
         Each pixel's numbers are turned (on the torus) so that its first sample is its centre.
         """
         if samples.number.max(initial=0) == 0:
             return np.zeros((len(samples.x), 2))
         pairs = self.sampler.pairs(*samples, Purpose.PIXEL)
-        first = self.sampler.pairs(
-            samples.x, samples.y, np.zeros_like(samples.number), Purpose.PIXEL
-        )
+        x, y = samples.x[::k].copy(), samples.y[::k].copy()
+        first = np.repeat(self.sampler.pairs(x, y, np.zeros_like(x), Purpose.PIXEL), k, axis=0)
         u = 2.0 * np.mod(pairs - first + 0.5, 1.0)
         return np.where(u < 1.0, np.sqrt(u) - 1.0, 1.0 - np.sqrt(np.maximum(2.0 - u, 0.0)))
 

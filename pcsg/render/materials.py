@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pcsg.graph.settings import SETTINGS
-from pcsg.render.bsdf import Matter, albedo_tables, scatter_batch
+from pcsg.render.bsdf import Albedo, Matter, albedo_tables, scatter_batch
+from pcsg.render.surfaces import Gathered, gather_hits, make_gathered
 from pcsg.render.textures import NORMALS, Textures
 from pcsg.render.tracer import Bools, Floats, Ints, Tracer
 from pcsg.trace.hits import Hits
@@ -80,18 +81,21 @@ class Surface(NamedTuple):
         rough = np.maximum(self.matter.roughness, least)
         return self._replace(matter=self.matter._replace(roughness=rough))
 
+    def _tables(self) -> Albedo:
+        return albedo_tables(bool((self.matter.transmission > 0).any()))
+
     def scatter(self, pairs: Floats, choices: Floats) -> Scattered:
         """Draw directions by pairs and choices (N, 2) in [0, 1)."""
         n = len(pairs)
         found = Scattered(np.empty((n, 3)), np.empty((n, 3)), np.empty(n))
-        scatter_batch(self.matter, albedo_tables(), True, pairs, choices, *found)
+        scatter_batch(self.matter, self._tables(), True, pairs, choices, *found)
         return found
 
     def reflect(self, towards: Floats) -> Scattered:
         """Return what surfaces do with light from unit directions (N, 3)."""
         n = len(towards)
         found = Scattered(np.array(towards), np.empty((n, 3)), np.empty(n))
-        scatter_batch(self.matter, albedo_tables(), False, _NO_PAIRS, _NO_PAIRS, *found)
+        scatter_batch(self.matter, self._tables(), False, _NO_PAIRS, _NO_PAIRS, *found)
         return found
 
     def fresnel(self, cos: Floats) -> Floats:
@@ -99,12 +103,18 @@ class Surface(NamedTuple):
         m = self.matter
         metallic = m.metallic[:, None]
         base = 0.08 * m.specular[:, None] * (1.0 - metallic) + m.color * metallic
-        edge = np.clip(1.0 - cos, 0.0, 1.0)[:, None] ** 5
+        squared = np.square(np.clip(1.0 - cos, 0.0, 1.0))
+        edge = (squared * squared * np.clip(1.0 - cos, 0.0, 1.0))[:, None]
         strength = np.where(m.specular > 0, 1.0, m.metallic)[:, None]
         return np.asarray(base + (strength - base) * edge)
 
 
 _NO_PAIRS = np.empty((0, 2))
+
+
+def largest(v: Floats) -> Floats:
+    """Return the (N,) greatest numbers of vectors (N, 3); reducing an axis of three is slow."""
+    return np.asarray(np.maximum(np.maximum(v[:, 0], v[:, 1]), v[:, 2]))
 
 
 def dots(a: Floats, b: Floats) -> Floats:
@@ -137,6 +147,7 @@ class Materials:
         # The last row is the default, which number -1 finds.
         rows = [*several, DEFAULTS]
         self._columns = {key: np.array([row[key] for row in rows], dtype=float) for key in _NUMBERS}
+        self._table = np.column_stack(list(self._columns.values()))
         texture = [texture_numbers.get(row["texture"] or "", -1) for row in rows]
         relief = [texture_numbers.get(row["relief"] or "", -1) for row in rows]
         self._texture = np.array(texture, dtype=np.int64)
@@ -144,6 +155,14 @@ class Materials:
         self._textures = textures
         # Leaves with negative numbers, such as the ground, are no sheets.
         self._sheets = np.append(sheets, [False, False])
+
+    def emission(self, numbers: Ints) -> Floats:
+        """Return (N, 3) light that surfaces of materials (N,) send out; -1 is the default."""
+        return np.asarray(self._columns["emission"][numbers])
+
+    def strengths(self) -> Floats:
+        """Return (M,) how much every material shines, averaged over the colours."""
+        return np.asarray(self._columns["emission"][:-1].mean(axis=1))
 
     def gather(self, hits: Hits, at: Ints, directions: Floats, tracer: Tracer) -> Surface:
         """Return the surfaces of hits.
@@ -158,22 +177,40 @@ class Materials:
             Who finds the surface coordinates beside a point, for pictures that are reliefs.
         """
         which = hits.material[at]
-        viewer = -directions
-        position = hits.position[at]
-        outward = hits.normal[at]
-        leaving = dots(outward, viewer) < 0
-        facing = np.where(leaving[:, None], -outward, outward)
-        columns = {key: values[which] for key, values in self._columns.items()}
+        found = make_gathered(len(at))
+        gather_hits(
+            at,
+            hits.position,
+            hits.normal,
+            hits.leaf,
+            hits.material,
+            hits.color,
+            np.ascontiguousarray(directions),
+            self._table,
+            self._sheets,
+            found,
+        )
+        normal = found.facing
+        if len(self._textures.scale):
+            normal = self._textured(hits, at, which, found, tracer)
+        seen = (normal, found.facing, found.viewer, found.color)
+        matter = Matter._make([*seen, *found.numbers, found.eta, found.sheet])
+        return Surface(found.position, found.emission, matter, which)
+
+    def _textured(
+        self, hits: Hits, at: Ints, which: Ints, known: Gathered, tracer: Tracer
+    ) -> Floats:
+        """Write textures' colours, and return the shading normals (M, 3)."""
+        outward, facing, color = known.outward, known.facing, known.color
         override = hits.color[at]
         overridden = override[:, 0] >= 0
-        color = np.where(overridden[:, None], override, columns["color"])
         texture = np.where(hits.texture[at] >= 0, hits.texture[at], self._texture[which])
         relief = np.where(self._relief[which] >= 0, self._relief[which], texture)
         size = hits.texture_scale[at]
         # A little below the surface: faces may lie on the planes of a pattern's lattice.
         used = np.maximum(texture, relief)
         depth = 1e-4 * np.where(used >= 0, np.append(self._textures.scale, 1.0)[used], 0.0) * size
-        inside = position - depth[:, None] * outward
+        inside = known.position - depth[:, None] * outward
         rows = np.flatnonzero(texture >= 0)
         if len(rows):
             number = texture[rows]
@@ -188,34 +225,15 @@ class Materials:
                     size[rows[given]],
                 )
             color[rows] = found
-        normal = facing
-        raised = np.flatnonzero((relief >= 0) & (columns["bump"] != 0))
-        if len(raised):
-            slope = self._slopes(hits, at[raised], relief[raised], inside[raised], tracer)
-            normal = facing.copy()
-            normal[raised] = _bend(
-                facing[raised], slope * columns["bump"][raised, None], viewer[raised]
-            )
-        leaf = hits.leaf[at]
-        sheet = self._sheets[np.where(leaf >= 0, leaf, len(self._sheets) - 1)]
-        ior = columns["ior"]
-        eta = np.where(leaving & ~sheet, 1.0 / ior, ior)
-        # Equal indices would leave no way to tell a facet.
-        eta = np.where(np.abs(eta - 1.0) < 1e-4, 1.0001, eta)
-        matter = Matter(
-            np.ascontiguousarray(normal),
-            facing,
-            viewer,
-            color,
-            columns["roughness"],
-            columns["metallic"],
-            columns["specular"],
-            columns["transmission"],
-            columns["translucency"],
-            eta,
-            sheet,
+        raised = np.flatnonzero((relief >= 0) & (known.bump != 0))
+        if len(raised) == 0:
+            return facing
+        slope = self._slopes(hits, at[raised], relief[raised], inside[raised], tracer)
+        normal = facing.copy()
+        normal[raised] = _bend(
+            facing[raised], slope * known.bump[raised, None], known.viewer[raised]
         )
-        return Surface(position, columns["emission"], matter, which)
+        return normal
 
     def _tinted(
         self, number: Ints, override: Floats, found: Floats, inside: Floats, size: Floats
@@ -256,7 +274,7 @@ def _coordinates(hits: Hits, at: Ints, tracer: Tracer) -> Floats:
     helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     first = np.cross(normal, helper)
     first /= np.sqrt(dots(first, first))[:, None]
-    step = 1e-5 * np.maximum(np.abs(position).max(axis=1), hits.t[at])[:, None]
+    step = 1e-5 * np.maximum(largest(np.abs(position)), hits.t[at])[:, None]
     gradient = np.zeros((len(at), 2, 3))
     fine = np.ones(len(at), dtype=bool)
     for axis in (first, np.cross(normal, first)):

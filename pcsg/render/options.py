@@ -90,9 +90,12 @@ class Options:
 
     @property
     def film_rows(self) -> tuple[int, int]:
-        """The same with the rows beside it, on which it depends whether its pixels are finished."""
+        """The same with the rows beside it, on which it depends whether its pixels are finished.
+
+        One row more is for bright samples, which count as far as their neighbours have some.
+        """
         first, last = self.rows
-        beside = len(self.levels) + 2
+        beside = len(self.levels) + 3
         return max(first - beside, 0), min(last + beside, self.size[1])
 
     @property

@@ -11,8 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcsg.render.integrators import Light, Purpose, Samples, find_blocked, hazed, leave
-from pcsg.render.materials import Scattered, Surface
+from pcsg.render.integrators import (
+    Light,
+    Purpose,
+    Samples,
+    ask_emitters,
+    find_blocked,
+    hazed,
+    leave,
+)
+from pcsg.render.materials import Scattered, Surface, largest
 from pcsg.render.sampler import Sampler
 from pcsg.render.stage import Stage
 from pcsg.render.tracer import Bools, Floats, Ints
@@ -47,7 +55,7 @@ class _Paths(NamedTuple):
     density
         (N,) with which its direction was drawn.
     chances
-        (L, N) with which each light was asked where it comes from.
+        (L, N) with which each light was asked where it comes from; the last are what shines.
     matt
         (N,) whether it met a matt surface.
     least
@@ -94,10 +102,15 @@ class Path:
         self.stage = stage
         self.sampler = sampler
 
+    @property
+    def _count(self) -> int:
+        """How many things can be asked for light."""
+        return len(self.stage.sources) + (self.stage.emitters is not None)
+
     def radiance(self, origins: Floats, directions: Floats, samples: Samples) -> Light:
         """See `Integrator`."""
         stage = self.stage
-        n, lights = len(origins), len(stage.sources)
+        n, lights = len(origins), self._count
         first = stage.tracer.intersect(origins, directions, 0.0, np.inf)
         backdrop = stage.sky.backdrop(directions)
         if stage.sun_is_seen and stage.lights:
@@ -123,13 +136,13 @@ class Path:
             surface = stage.materials.gather(hits, at, paths.directions, stage.tracer)
             if depth == 0:
                 albedo[seen] = surface.matter.color
-            rgb[paths.row] += paths.share * surface.emission
+            rgb[paths.row] += paths.share * self._met_shine(paths, surface.emission)
             going = np.arange(len(at))
             if not self.follows_matt:
                 going = np.flatnonzero(~paths.matt)
             paths, surface = paths.take(going), surface.take(going)
             surface = surface.roughened(paths.least)
-            scale = np.maximum(np.abs(surface.position).max(axis=1), hits.t[at[going]])
+            scale = np.maximum(largest(np.abs(surface.position)), hits.t[at[going]])
             here = samples.take(paths.row)
             chances = self._chances(surface.position, depth)
             light, more = self._ask_lights(surface, scale, here, chances, depth)
@@ -149,10 +162,10 @@ class Path:
 
     def _chances(self, position: Floats, depth: int) -> Floats:
         """Return (L, N) chances that each light is asked: all of them first, then one."""
-        sources = self.stage.sources
-        n = len(position)
+        emitters = self.stage.emitters
         if self._asks_all(depth):
-            return np.ones((len(sources), n))
+            return np.ones((self._count, len(position)))
+        sources = [*self.stage.sources, *((emitters,) if emitters else ())]
         bright = np.stack([source.estimate(position) for source in sources]) + 1e-300
         # Where most light seems to come from may lie in shadow: no light is neglected.
         even = 0.15 / len(sources)
@@ -160,7 +173,7 @@ class Path:
 
     def _asks_all(self, depth: int) -> bool:
         """Return whether every light is asked, or one by chance."""
-        count = len(self.stage.sources)
+        count = self._count
         return count < 2 or (depth == 0 and count <= MANY)
 
     def _ask_lights(
@@ -188,11 +201,9 @@ class Path:
             sample = source.sample(some.position, pairs)
             reflected = some.reflect(sample.direction)
             asked = chance * sample.density
-            with np.errstate(invalid="ignore"):
-                found = np.where(np.isinf(asked), 0.0, reflected.density / asked)
-            weight = 1.0 / (1.0 + found * found)
+            weight = _weight(asked, reflected.density)
             light = reflected.light * sample.irradiance * (weight / chance)[:, None]
-            useful = np.flatnonzero(light.max(axis=1) > 0)
+            useful = np.flatnonzero(largest(light) > 0)
             blocked, more = find_blocked(
                 stage.tracer,
                 some.take(useful),
@@ -203,6 +214,16 @@ class Path:
             lit = useful[~blocked]
             total[rows[lit]] += light[lit]
             rays += more
+        emitters = stage.emitters
+        if emitters is not None:
+            rows = np.arange(n) if every else np.flatnonzero(chosen == len(stage.sources))
+            pairs = shine[rows] if not every else self.sampler.pairs(*samples, Purpose.SHINING)
+            some = surface if every else surface.take(rows)
+            shone = ask_emitters(stage, emitters, some, scale[rows], pairs)
+            asked = chances[-1, rows] * shone.density
+            weight = _weight(asked, shone.scattered)
+            total[rows] += shone.light * (weight / chances[-1, rows])[:, None]
+            rays += shone.rays
         return total, rays
 
     def _scatter(
@@ -224,10 +245,10 @@ class Path:
         share = paths.share[on] * found.light[on] / found.density[on, None]
         if depth >= ROULETTE:
             luck = self.sampler.pairs(*samples.take(on), purpose + Purpose.CHOICE)[:, 1]
-            stay = np.clip(share.max(axis=1), 0.05, 0.95)
+            stay = np.clip(largest(share), 0.05, 0.95)
             lucky = np.flatnonzero(luck < stay)
             on, share = on[lucky], share[lucky] / stay[lucky, None]
-        bright = np.flatnonzero(share.max(axis=1) > 0)
+        bright = np.flatnonzero(largest(share) > 0)
         on, share = on[bright], share[bright]
         start = leave(self.stage.tracer, surface.take(on), scale[on], found.direction[on])
         free = np.flatnonzero(~start.closed)
@@ -255,10 +276,30 @@ class Path:
             met = np.flatnonzero(~(t < seen.distance) & ~np.isnan(seen.distance) & (t >= 0))
             if len(met) == 0:
                 continue
-            asked = paths.chances[number, met] * seen.density[met] / paths.density[met]
-            weight = 1.0 / (1.0 + asked * asked)
-            total[met] += weight[:, None] * seen.radiance[met]
+            asked = paths.chances[number, met] * seen.density[met]
+            total[met] += _weight(paths.density[met], asked)[:, None] * seen.radiance[met]
         return total
+
+    def _met_shine(self, paths: _Paths, emission: Floats) -> Floats:
+        """Return (N, 3) light of shining things that rays met; all of it, if the camera's did."""
+        emitters = self.stage.emitters
+        if emitters is None:
+            return emission
+        total = np.zeros_like(emission)
+        met = np.flatnonzero(largest(emission) > 0)
+        asked = paths.chances[-1, met] * emitters.density(paths.origins[met], paths.directions[met])
+        total[met] = _weight(paths.density[met], asked)[:, None] * emission[met]
+        return total
+
+
+def _weight(density: Floats, other: Floats) -> Floats:
+    """Return (N,) weights of directions drawn with one density that another way finds too.
+
+    The power heuristic; a way without a density, infinite, is the only one.
+    """
+    with np.errstate(invalid="ignore"):
+        ratio = np.where(np.isinf(density), 0.0, other / density)
+    return np.asarray(1.0 / (1.0 + ratio * ratio))
 
 
 class Direct(Path):

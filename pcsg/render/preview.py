@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pcsg.render.integrators import Light, Purpose, Samples, find_blocked, hazed
-from pcsg.render.materials import Surface, dots
+from pcsg.render.integrators import Light, Purpose, Samples, ask_emitters, find_blocked, hazed
+from pcsg.render.materials import Surface, dots, largest
 from pcsg.render.sampler import Sampler, cosine_hemisphere
+from pcsg.render.sky import Sky
 from pcsg.render.stage import Stage
 from pcsg.render.tracer import Floats
 
@@ -47,13 +48,13 @@ class Preview:
         surface = stage.materials.gather(hits, at, directions[at], stage.tracer)
         albedo[at] = surface.matter.color
         here = samples.take(at)
-        scale = np.maximum(np.abs(surface.position).max(axis=1), hits.t[at])
+        scale = np.maximum(largest(np.abs(surface.position)), hits.t[at])
         light = surface.emission.copy()
         for number, source in enumerate(stage.lights):
             pairs = self.sampler.pairs(*here, Purpose.LIGHT + number)
             sample = source.sample(surface.position, pairs)
             share = surface.reflect(sample.direction).light * sample.irradiance
-            useful = np.flatnonzero(share.max(axis=1) > 0)
+            useful = np.flatnonzero(largest(share) > 0)
             blocked, more = find_blocked(
                 stage.tracer,
                 surface.take(useful),
@@ -64,6 +65,11 @@ class Preview:
             rays += more
             lit = useful[~blocked]
             light[lit] += share[lit]
+        if stage.emitters is not None:
+            pairs = self.sampler.pairs(*here, Purpose.SHINING)
+            shone = ask_emitters(stage, stage.emitters, surface, scale, pairs)
+            light += shone.light
+            rays += shone.rays
         sky, sky_rays = self._sky_light(surface, scale, here)
         light += sky
         rays += sky_rays
@@ -75,19 +81,20 @@ class Preview:
         sky, m = self.stage.sky, surface.matter
         open_share, rays = self._openness(surface, scale, samples)
         through = m.translucency[:, None]
-        ambient = sky.ambient(m.normal) * (1.0 - through)
-        ambient += sky.ambient(-m.normal) * through
+        ambient = sky.ambient(m.normal)
+        behind = np.flatnonzero(m.translucency > 0)
+        if len(behind):
+            there = sky.ambient(-m.normal[behind])
+            ambient[behind] += through[behind] * (there - ambient[behind])
         seen = open_share + (1.0 - open_share) * self.bounce * m.color
         clear = (m.transmission * (1.0 - m.metallic))[:, None]
         diffuse = m.color * (1.0 - m.metallic)[:, None] * (1.0 - clear) * ambient
-        diffuse += m.color * clear * sky.radiance(-m.viewer)
-        cos = dots(m.normal, m.viewer)
-        mirrored = 2.0 * cos[:, None] * m.normal - m.viewer
-        blur = m.roughness[:, None]
-        image = sky.radiance(mirrored) * (1.0 - blur) + ambient * blur
-        # Rough surfaces shadow themselves at grazing angles.
-        gloss = surface.fresnel(cos) * (1.0 - 0.7 * blur)
-        return (diffuse + gloss * image) * seen, rays
+        if clear.any():
+            diffuse += m.color * clear * sky.radiance(-m.viewer)
+        shiny = np.flatnonzero((m.specular > 0) | (m.metallic > 0))
+        if len(shiny):
+            diffuse[shiny] += _mirror(sky, surface.take(shiny), ambient[shiny])
+        return diffuse * seen, rays
 
     def _openness(self, surface: Surface, scale: Floats, samples: Samples) -> tuple[Floats, int]:
         """Return (N, 1) shares of sky rays that meet nothing near, and how many rays there were.
@@ -111,3 +118,14 @@ class Preview:
             clear += ~blocked
             rays += more
         return (clear / count)[:, None], rays
+
+
+def _mirror(sky: Sky, surface: Surface, ambient: Floats) -> Floats:
+    """Return (N, 3) light of the sky that surfaces mirror, more or less blurred."""
+    m = surface.matter
+    cos = dots(m.normal, m.viewer)
+    mirrored = 2.0 * cos[:, None] * m.normal - m.viewer
+    blur = m.roughness[:, None]
+    image = sky.radiance(mirrored) * (1.0 - blur) + ambient * blur
+    # Rough surfaces shadow themselves at grazing angles.
+    return np.asarray(surface.fresnel(cos) * (1.0 - 0.7 * blur) * image)

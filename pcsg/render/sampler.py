@@ -10,6 +10,7 @@ arguments: who computes it, and when, makes no difference.
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Any
 
 import numpy as np
@@ -164,7 +165,7 @@ class Sampler:
 def disc_cone(pairs: Floats, axis: Floats, cos_angle: float) -> Floats:
     """Return (N, 3) unit vectors uniform in the cone of a half angle about a unit axis."""
     z = 1.0 - pairs[:, 0] * (1.0 - cos_angle)
-    return around(np.broadcast_to(axis, (len(pairs), 3)), z, pairs[:, 1])
+    return around(axis[None, :], z, pairs[:, 1])
 
 
 def cosine_hemisphere(pairs: Floats, normals: Floats) -> Floats:
@@ -175,20 +176,30 @@ def cosine_hemisphere(pairs: Floats, normals: Floats) -> Floats:
 def sphere(pairs: Floats) -> Floats:
     """Return (N, 3) unit vectors in uniform directions."""
     axis = np.array([[0.0, 0.0, 1.0]])
-    return around(np.broadcast_to(axis, (len(pairs), 3)), 1.0 - 2.0 * pairs[:, 0], pairs[:, 1])
+    return around(axis, 1.0 - 2.0 * pairs[:, 0], pairs[:, 1])
+
+
+@njit(entry=True)
+def _fill_around(axes: Floats, z: Floats, turn: Floats, out: Floats) -> None:
+    """Write what `around` returns; there may be a single axis for all."""
+    for i in range(len(z)):
+        k = i if len(axes) > 1 else 0
+        ax, ay, az = axes[k, 0], axes[k, 1], axes[k, 2]
+        # The frame of Duff et al. 2017 has no singular direction.
+        sign = math.copysign(1.0, az)
+        a = -1.0 / (sign + az)
+        b = ax * ay * a
+        radius = math.sqrt(max(0.0, 1.0 - z[i] * z[i]))
+        u = radius * math.cos(2 * math.pi * turn[i])
+        v = radius * math.sin(2 * math.pi * turn[i])
+        out[i, 0] = z[i] * ax + u * (1.0 + sign * ax * ax * a) + v * b
+        out[i, 1] = z[i] * ay + u * sign * b + v * (sign + ay * ay * a)
+        out[i, 2] = z[i] * az - u * sign * ax - v * ay
 
 
 def around(axes: Floats, z: Floats, turn: Floats) -> Floats:
-    """Return unit vectors of given cosines and angles (in turns) about unit axes."""
-    # The frame of Duff et al. 2017 has no singular direction.
-    sign = np.copysign(1.0, axes[:, 2])
-    a = -1.0 / (sign + axes[:, 2])
-    b = axes[:, 0] * axes[:, 1] * a
-    radius = np.sqrt(np.maximum(0.0, 1.0 - z * z))
-    u = radius * np.cos(2 * np.pi * turn)
-    v = radius * np.sin(2 * np.pi * turn)
-    result = z[:, None] * axes
-    result[:, 0] += u * (1.0 + sign * axes[:, 0] ** 2 * a) + v * b
-    result[:, 1] += u * sign * b + v * (sign + axes[:, 1] ** 2 * a)
-    result[:, 2] += -u * sign * axes[:, 0] - v * axes[:, 1]
-    return np.asarray(result)
+    """Return unit vectors of given cosines and angles (in turns) about unit axes, or one axis."""
+    result = np.empty((len(z), 3))
+    axes, z, turn = (np.ascontiguousarray(values) for values in (axes, z, turn))
+    _fill_around(axes, z, turn, result)
+    return result

@@ -165,21 +165,24 @@ class GradientSky(Sky):
 
     def _gradient(self, directions: Floats, nadir: tuple[float, float, float]) -> Floats:
         z = np.clip(directions[:, 2], -1.0, 1.0)
-        above = 1.0 - (1.0 - np.maximum(z, 0.0)) ** 3
-        below = 1.0 - (1.0 - np.maximum(-z, 0.0)) ** 2
-        horizon = np.array(self.horizon)
-        sky = above[:, None] * (np.array(self.zenith) - horizon)
-        ground = below[:, None] * (np.array(nadir) - horizon)
-        return np.asarray(horizon + sky + ground)
+        down, up = 1.0 - np.maximum(z, 0.0), 1.0 - np.maximum(-z, 0.0)
+        above, below = 1.0 - down * down * down, 1.0 - up * up
+        light = np.empty((len(z), 3))
+        for k, horizon in enumerate(self.horizon):
+            sky, ground = self.zenith[k] - horizon, nadir[k] - horizon
+            light[:, k] = horizon + above * sky + below * ground
+        return light
 
     def ambient(self, normals: Floats) -> Floats:
         """See `Sky`; exact, since it depends on the normal's height only."""
-        at, table = self._ambient_table
-        return np.stack([np.interp(normals[:, 2], at, table[:, k]) for k in range(3)], axis=1)
+        table = self._ambient_table
+        place = np.clip((normals[:, 2] + 1.0) * (0.5 * (len(table) - 1)), 0.0, len(table) - 1)
+        row = np.minimum(place.astype(np.int64), len(table) - 2)
+        return np.asarray(table[row] + (place - row)[:, None] * (table[row + 1] - table[row]))
 
     @cached_property
-    def _ambient_table(self) -> tuple[Floats, Floats]:
-        """Irradiance by the normal's z, by a quadrature over the hemisphere."""
+    def _ambient_table(self) -> Floats:
+        """Irradiance by the normal's z from -1 to 1, by a quadrature over the hemisphere."""
         at = np.linspace(-1.0, 1.0, 65)
         cos = np.sqrt((np.arange(32) + 0.5) / 32)
         turn = 2 * np.pi * (np.arange(32) + 0.5) / 32
@@ -188,7 +191,7 @@ class GradientSky(Sky):
         z = at[:, None, None] * cos[:, None] + np.sqrt(1 - at * at)[:, None, None] * rise
         directions = np.zeros((z.size, 3))
         directions[:, 2] = z.ravel()
-        return at, self.radiance(directions).reshape(len(at), -1, 3).mean(axis=1)
+        return np.asarray(self.radiance(directions).reshape(len(at), -1, 3).mean(axis=1))
 
 
 NADIR = (0.34, 0.33, 0.31)

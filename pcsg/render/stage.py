@@ -13,6 +13,7 @@ from pcsg.errors import UsageError, suggest
 from pcsg.graph.settings import SETTINGS
 from pcsg.render.camera import Camera, place, tame
 from pcsg.render.daylight import PhysicalSky, sunlight
+from pcsg.render.emitters import Emitters, make_emitters
 from pcsg.render.lights import Light, make_balls, make_sun, sun_direction
 from pcsg.render.materials import Materials
 from pcsg.render.sky import DARK, Sky, make_sky
@@ -49,6 +50,8 @@ class Stage:
         Sun, balls and points.
     sources
         All that shines from outside the scene: the lights, and the sky if there is one.
+    emitters
+        Where things of the scene shine; None where nothing does, or it cannot be told.
     sky
         The sky; a dark one if there is none.
     sun_is_seen
@@ -66,6 +69,7 @@ class Stage:
     camera: Camera
     lights: tuple[Light, ...]
     sources: tuple[Light, ...]
+    emitters: Emitters | None
     sky: Sky
     sun_is_seen: bool
     materials: Materials
@@ -125,6 +129,7 @@ def build_stage(
         camera=camera,
         lights=lights,
         sources=(*lights, *((sky,) if sky else ())),
+        emitters=make_emitters(scene.shining_covers(materials.strengths())),
         sky=sky or DARK,
         sun_is_seen=physical,
         materials=materials,

@@ -100,6 +100,16 @@ class RenderScene(Protocol):
         """Return the number of every named setting of a kind."""
         ...
 
+    def shining_covers(self, strengths: Floats) -> Floats:
+        """Return (K, `COLUMNS`) covers of all that shines: see `pcsg.graph.shining`.
+
+        Parameters
+        ----------
+        strengths
+            (M,) how much a surface of every material shines.
+        """
+        ...
+
 
 class DetailedTracer:
     """A tracer whose rays are as wide as a pixel looks at the place where they begin.
@@ -133,7 +143,8 @@ class DetailedTracer:
         self.spread = pixel if spread is None else spread
 
     def _footprint(self, origins: Floats) -> Footprint:
-        width = self.pixel * np.linalg.norm(origins - self.eye, axis=1)
+        away = origins - self.eye
+        width = self.pixel * np.sqrt(np.einsum("ij,ij->i", away, away))
         return Footprint(width, np.full(len(origins), self.spread))
 
     def intersect(
@@ -149,6 +160,24 @@ class DetailedTracer:
         """Return whether anything lies in the closed ranges."""
         footprint = self._footprint(origins)
         return self.inner.occluded(origins, directions, t_min, t_max, footprint)
+
+
+class _GroundedHits(Hits):
+    """Hits of which some are on the ground; their fields are put together when asked for."""
+
+    def __init__(self, hits: Hits, beyond: Ints, ground: Mapping[str, Any]) -> None:
+        # The fields of hits are frozen.
+        vars(self).update(_hits=hits, _beyond=beyond, _ground=ground)
+
+    def __getattr__(self, name: str) -> Any:
+        """Put a field together."""
+        ground = vars(self).get("_ground", {})
+        if name not in ground:
+            raise AttributeError(name)
+        values = getattr(vars(self)["_hits"], name).copy()
+        values[vars(self)["_beyond"]] = ground[name]
+        vars(self)[name] = values
+        return values
 
 
 class GroundedTracer:
@@ -180,35 +209,37 @@ class GroundedTracer:
         self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
     ) -> Hits:
         """Return the first crossings; the plane's leaf number is `GROUND`."""
-        hits = self.inner.intersect(origins, directions, t_min, t_max)
         plane = self._crossing(origins, directions, t_min, t_max)
-        wins = plane < hits.t
-        t = np.where(wins, plane, hits.t)
-        beyond = np.flatnonzero(wins)
-        at = origins[beyond] + t[beyond, None] * directions[beyond]
+        # What lies behind the plane need not be looked for.
+        hits = self.inner.intersect(origins, directions, t_min, np.minimum(t_max, plane))
+        beyond = np.flatnonzero(np.isinf(hits.t) & (plane < np.inf))
+        if len(beyond) == 0:
+            return hits
+        at = origins[beyond] + plane[beyond, None] * directions[beyond]
         at[:, 2] = self.z
-
-        def replaced(values: Any, by: Any) -> Any:
-            values = values.copy()
-            values[beyond] = by
-            return values
-
-        return Hits(
-            t=t,
-            leaf=replaced(hits.leaf, GROUND),
-            normal=replaced(hits.normal, (0.0, 0.0, 1.0)),
-            position=replaced(hits.position, at),
-            uv=replaced(hits.uv, at[:, :2]),
-            label=replaced(hits.label, -1),
-            color=replaced(hits.color, -1.0),
-            material=replaced(hits.material, self.material),
-            texture=replaced(hits.texture, -1),
-            texture_scale=replaced(hits.texture_scale, 1.0),
-        )
+        values = {
+            "t": plane[beyond],
+            "leaf": GROUND,
+            "normal": (0.0, 0.0, 1.0),
+            "position": at,
+            "uv": at[:, :2],
+            "label": -1,
+            "color": -1.0,
+            "material": self.material,
+            "texture": -1,
+            "texture_scale": 1.0,
+        }
+        return _GroundedHits(hits, beyond, values)
 
     def occluded(
         self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
     ) -> Bools:
         """Return whether the scene or the plane lies in the way."""
         blocked = self._crossing(origins, directions, t_min, t_max) < np.inf
-        return blocked | self.inner.occluded(origins, directions, t_min, t_max)
+        if not blocked.any():
+            return self.inner.occluded(origins, directions, t_min, t_max)
+        rows = np.flatnonzero(~blocked)
+        if len(rows):
+            low, high = (t[rows] if isinstance(t, np.ndarray) else t for t in (t_min, t_max))
+            blocked[rows] = self.inner.occluded(origins[rows], directions[rows], low, high)
+        return blocked

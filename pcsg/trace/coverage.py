@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from pcsg.graph.functions import rand
 from pcsg.jit import njit
-from pcsg.trace.ends import DRAWN, LEVEL, MAX_DEPTH
+from pcsg.trace.ends import DRAWN, LEVEL, MAX_DEPTH, NUMBER
 from pcsg.vec import Ray, Vec3
 
 Floats = NDArray[np.float64]
@@ -114,7 +114,7 @@ class Ends(NamedTuple):
 
     Attributes
     ----------
-    of_place : int32
+    of_place : int32 (R,)
         Which of them an instance or an entry has; negative for none.
     """
 
@@ -182,10 +182,12 @@ def draw_hit(
     int
         Number of the hit, -1 for none.
     """
-    for k in range(6):
-        numbers[k] = outer[k]
+    if linear[LEVEL * level + NUMBER] < 0.0:
+        for k in range(6):
+            numbers[k] = outer[k]
+        linear[LEVEL * level + NUMBER] = rand(numbers, 0, 6, 0)
     # One number serves three times: what is left of it is random again.
-    first = rand(numbers, 0, 6, 0) * 64.0
+    first = linear[LEVEL * level + NUMBER] * 64.0
     second = (first - math.floor(first)) * 64.0
     draw = second - math.floor(second)
     u, v = math.floor(first) / 64.0, math.floor(second) / 64.0

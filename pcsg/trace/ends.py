@@ -1,8 +1,9 @@
 """Where recursion ends: how large a state looks to a ray, in units of its footprint.
 
 A state ends recursion where the diameter of its box, in the world, is less than the width of the
-ray at the place nearest to the middle of the box. Boxes are known in the frame above the state;
-what the world's lengths are there is followed along with the ray, level by level.
+ray at the place nearest to the middle of the box, or, which differs by less than that, where it
+enters the box. Boxes are known in the frame above the state; what the world's lengths are there is
+followed along with the ray, level by level.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.indices import place
 from pcsg.jit import njit
 from pcsg.vec import Affine, Ray
 
@@ -24,9 +26,13 @@ NEVER = -1
 CUT = -2_000_000
 """In a path, ``CUT - k`` stands for hit k of the coverage."""
 
-LEVEL, DRAWN = 13, 12
+LEVEL, DRAWN, NUMBER = 14, 12, 13
 """Numbers for every level: the linear part of local_from_world, one over the squares of the lengths
-of its rows, and which part of [0, 1) has been drawn from, see `coverage`."""
+of its rows, which part of [0, 1) has been drawn from, and the ray's random number there, negative
+until it is needed; see `coverage`."""
+
+
+_ONE, _TWO = np.uint64(1), np.uint64(2)
 
 
 @njit
@@ -34,6 +40,7 @@ def begin_levels(linear: NDArray[np.float64]) -> None:
     """Write what the level of the world knows."""
     for k in range(LEVEL):
         linear[k] = 1.0 if (k % 4 == 0 or k > 8) and k < DRAWN else 0.0
+    linear[NUMBER] = -1.0
 
 
 @njit
@@ -52,6 +59,7 @@ def go_down(linear: NDArray[np.float64], level: int, m: Affine) -> None:
             square += x * x
         linear[at + 9 + i] = 1.0 / square
     linear[at + DRAWN] = 0.0
+    linear[at + NUMBER] = -1.0
 
 
 @njit(inline=True)
@@ -64,6 +72,21 @@ def world_size(linear: NDArray[np.float64], level: int, box: NDArray[np.float64]
     at = LEVEL * level + 9
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return math.sqrt(x * x * linear[at] + y * y * linear[at + 1] + z * z * linear[at + 2])
+
+
+@njit(inline=True)
+def squared_size(
+    linear: NDArray[np.float64], level: int, sizes: NDArray[np.float64], index: int
+) -> float:
+    """Return the square of `world_size` by the squares of a box's sides, ``sizes[3 index:]``."""
+    at = place(LEVEL * level + 9)
+    side = place(3 * index)
+    squared: float = (
+        sizes[side] * linear[at]
+        + sizes[side + _ONE] * linear[at + _ONE]
+        + sizes[side + _TWO] * linear[at + _TWO]
+    )
+    return squared
 
 
 @njit(inline=True)

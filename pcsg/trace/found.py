@@ -142,7 +142,7 @@ class FoundHits(Hits):
     def _own(self) -> Any:
         """Colours and labels of the leaves' own, None where no leaf has any."""
         solids = tuple(LEAVES.values())
-        kinds = np.unique(self._blocks.leaves[::4])
+        kinds = np.flatnonzero(np.bincount(self._blocks.leaves[::4]))
         if all(solids[kind].attributes is Solid.attributes for kind in kinds):
             return None
         own = np.full((len(self.t), 4), -1.0)

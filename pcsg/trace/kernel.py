@@ -23,12 +23,11 @@ from pcsg.trace.coverage import Coverage, draw_hit
 from pcsg.trace.ends import (
     CUT,
     MAX_DEPTH,
-    NEVER,
     area_of,
     begin_levels,
     go_down,
     middle_of,
-    world_size,
+    squared_size,
 )
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.merge import tolerance
@@ -90,6 +89,10 @@ class Cut(NamedTuple):
         Number in `cover` of what an instance leads to, or NEVER.
     boxes : float32 (6 R,)
         Boxes of references, in the frame of their group.
+    sizes : float64 (3 R,)
+        Squares of their sides; infinite where recursion does not end.
+    goes_on : bool (R,)
+        Whether recursion may end below a reference.
     linear : float64 (LEVEL MAX_DEPTH,)
         Working space of one thread, see `ends`.
     numbers, box : float64 (8,), (6,)
@@ -99,6 +102,8 @@ class Cut(NamedTuple):
     cover: Coverage
     of_reference: NDArray[np.int32]
     boxes: NDArray[np.float32]
+    sizes: NDArray[np.float64]
+    goes_on: NDArray[np.bool_]
     linear: NDArray[np.float64]
     numbers: NDArray[np.float64]
     box: NDArray[np.float64]
@@ -184,14 +189,14 @@ def find_first(
         index = code >> 3
         found = False
         ends = False
-        if cut is not None and kind == INSTANCE and cut.of_reference[place(index)] != NEVER:
-            for k in range(6):
-                cut.box[k] = cut.boxes[6 * index + k]
-            ray = load_ray(rays, at_level)
-            present = -1
-            size = world_size(cut.linear, at_level, cut.box)
-            ends = size < width + spread * max(middle_of(cut.box, ray), 0.0)
+        if cut is not None and kind == INSTANCE:
+            footprint = width + spread * max(entry, 0.0)
+            ends = squared_size(cut.linear, at_level, cut.sizes, index) < footprint * footprint
             if ends:
+                for k in range(6):
+                    cut.box[k] = cut.boxes[6 * index + k]
+                ray = load_ray(rays, at_level)
+                present = -1
                 paths[place(at_level)] = index
                 t, drawn = _meet_end(trees, cut, index, ray, at_level, world.tmin, far)
                 e = tolerance(t)
@@ -213,7 +218,7 @@ def find_first(
                         return UNDECIDED
                     paths[place(at_level)] = index
                     inverse = load_affine(trees.inverses, 12 * index)
-                    if cut is not None:
+                    if cut is not None and cut.goes_on[place(index)]:
                         go_down(cut.linear, at_level, inverse)
                     ray = transform_ray(inverse, ray)
                     present = at_level + 1

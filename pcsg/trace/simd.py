@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
-from numba.core import types
-from numba.extending import intrinsic
+
+from pcsg.jit import Intrinsic
 
 WIDTH = 16
 """Boxes in a block."""
@@ -84,6 +84,8 @@ def _meet_boxes(
     uint64
         Bit k is set where box k is met.
     """
+    from numba.core import types
+
     real, whole = types.float32, types.uint64
     signature = whole(boxes, *[whole] * 7, ray, real, real, entries)
 
@@ -150,6 +152,8 @@ def _prepare_ray(
         Bits of the axes along which the ray goes down; lengths of the frame for each of t, and its
         inverse: powers of two.
     """
+    from numba.core import types
+
     real, whole = types.float64, types.uint64
     three: Any = types.Tuple  # numba leaves it untyped
     signature = three((whole, real, real))(*[real] * 7, ray)
@@ -218,6 +222,7 @@ def _prepare_ray(
 
 def _stay_apart(typing: Any) -> Any:
     """Keep the function that calls this out of its callers' code, where it would crowd a loop."""
+    from numba.core import types
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         builder.function.attributes.add("noinline")
@@ -226,6 +231,6 @@ def _stay_apart(typing: Any) -> Any:
     return types.void(), generate
 
 
-prepare_ray: Any = intrinsic(_prepare_ray)
-meet_boxes: Any = intrinsic(_meet_boxes)
-stay_apart: Any = intrinsic(_stay_apart)
+prepare_ray: Any = Intrinsic(_prepare_ray)
+meet_boxes: Any = Intrinsic(_meet_boxes)
+stay_apart: Any = Intrinsic(_stay_apart)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from pcsg.trace.coverage import (
 )
 from pcsg.trace.ends import NEVER
 from pcsg.trace.found import Found, FoundHits, make_found
-from pcsg.trace.groups import INSTANCE
+from pcsg.trace.groups import BLOCK, INSTANCE
 from pcsg.trace.hits import Hits
 from pcsg.trace.kernel import Cut, Extent
 from pcsg.trace.pool import pool_of
@@ -90,8 +90,8 @@ class StatesTracer(StatesEngine):
     def _find(
         self, rays: Rays, want: int, out: Any, footprint: Footprint | None
     ) -> NDArray[np.int8]:
-        ends = self._ends if footprint is not None else None
-        return self._cast(rays, want, out, footprint, ends, self.blocks.root, self._extent)
+        ends, limits = self._ends if footprint is not None else (None, None)
+        return self._cast(rays, want, out, footprint, ends, self.blocks.root, self._extent, limits)
 
     def _cast(
         self,
@@ -102,6 +102,7 @@ class StatesTracer(StatesEngine):
         ends: Ends | None,
         root: int,
         extent: Extent,
+        limits: _Limits | None,
     ) -> NDArray[np.int8]:
         """Cast rays from a block on, in the frame of its group."""
         n = len(rays.origins)
@@ -110,8 +111,8 @@ class StatesTracer(StatesEngine):
         def work(begin: int, end: int) -> None:
             scratch, space = self._own()
             cut = None
-            if ends is not None:
-                cut = Cut(ends.cover, ends.of_place, self.blocks.ref_boxes, *space)
+            if ends is not None and limits is not None:
+                cut = Cut(ends.cover, ends.of_place, self.blocks.ref_boxes, *limits, *space)
             status = find_batch(
                 self._trees,
                 self._pool,
@@ -141,19 +142,19 @@ class StatesTracer(StatesEngine):
         return own
 
     @property
-    def _ends(self) -> Ends:
+    def _ends(self) -> tuple[Ends, _Limits]:
         with self._lock_of_ends:
             return self._measured
 
     @cached_property
-    def _measured(self) -> Ends:
+    def _measured(self) -> tuple[Ends, _Limits]:
         """Measure what instances lead to."""
         blocks = self.blocks
         kinds = blocks.refs & 7
-        instances = np.unique(blocks.refs[kinds == INSTANCE] >> 3)
+        instances = _different(blocks.refs[kinds == INSTANCE] >> 3)
         below = blocks.targets[instances]
         of_place = np.full(len(blocks.targets), NEVER, np.int32)
-        targets = [int(block) for block in np.unique(below)]
+        targets = _different(below).tolist()
         per_bin = int(np.clip(RAYS_IN_ALL // (BINS * max(1, len(targets))), 4, RAYS_PER_BIN))
         collected: list[Collected] = []
         for target in targets:
@@ -161,26 +162,61 @@ class StatesTracer(StatesEngine):
             if np.isfinite(box).all() and (box[:3] <= box[3:]).all():
                 of_place[instances[below == target]] = len(collected)
                 collected.append(measure(box, self._sampler(target, box), target, per_bin))
-        return Ends(gather_coverage(collected), of_place)
+        return Ends(gather_coverage(collected), of_place), _limit(blocks, of_place)
 
     def _sampler(self, target: int, box: Floats) -> Callable[[Floats, Floats], Sampled]:
         """Return what casts rays through a group, all of it."""
         extent = _extent_of(box.reshape(2, 3))
 
         # Nothing ends here, but the kernel is the one that pictures need anyway.
-        ends = Ends(gather_coverage([]), np.full(len(self.blocks.targets), NEVER, np.int32))
+        nowhere = np.full(len(self.blocks.targets), NEVER, np.int32)
+        ends, limits = Ends(gather_coverage([]), nowhere), _limit(self.blocks, nowhere)
 
         def cast(origins: Floats, directions: Floats) -> Sampled:
             n = len(origins)
             wide = Footprint(np.zeros(n), np.zeros(n))
             out = make_found(n)
             rays = shape_rays(origins, directions, 0.0, math.inf)
-            answers = self._cast(rays, FIRST, out, wide, ends, target, extent)
+            answers = self._cast(rays, FIRST, out, wide, ends, target, extent, limits)
             return Sampled(
                 answers == HIT, out.normal, np.zeros((n, 0)), out.record.astype(np.int64)
             )
 
         return cast
+
+
+class _Limits(NamedTuple):
+    """`Cut.sizes` and `Cut.goes_on`."""
+
+    sizes: Floats
+    goes_on: NDArray[np.bool_]
+
+
+def _limit(blocks: Blocks, of_place: NDArray[np.int32]) -> _Limits:
+    """Return below which sizes recursion ends, and where it may end farther down."""
+    never = of_place == NEVER
+    sides = blocks.ref_boxes.reshape(-1, 2, 3).astype(np.float64)
+    sizes = np.where(never[:, None], np.inf, np.square(sides[:, 1] - sides[:, 0]))
+    planes = blocks.boxes.reshape(-1, 6, WIDTH)
+    codes = blocks.refs.reshape(-1, WIDTH)
+    kinds = np.where(planes[:, 0] <= planes[:, 3], codes & 7, -1)
+    instances = kinds == INSTANCE
+    number = np.where(instances, codes >> 3, 0)
+    goes_on = np.zeros(len(never), dtype=bool)
+    while True:
+        may_end = (instances & (~never | goes_on)[number]).any(axis=1)
+        # What a block leads to within its group has the larger number.
+        for block in reversed(range(len(codes))):
+            may_end[block] |= may_end[codes[block, kinds[block] == BLOCK] >> 3].any()
+        before = goes_on.copy()
+        goes_on[number[instances]] = may_end[blocks.targets[number[instances]]]
+        if (goes_on == before).all():
+            return _Limits(sizes.ravel(), goes_on)
+
+
+def _different(numbers: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return which numbers there are, as `numpy.unique`, which takes 20 ms to be loaded."""
+    return np.flatnonzero(np.bincount(numbers))
 
 
 def _box_of(blocks: Blocks, block: int) -> Floats:

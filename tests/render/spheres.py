@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from pcsg.errors import Diagnostic, EvaluationFault
+from pcsg.graph.shining import CENTER, COLUMNS, POWER, RADIUS
 from pcsg.trace.hits import Hits
 
 
@@ -45,6 +46,14 @@ class Spheres:
 
     def setting_numbers(self, kind):
         return {v["name"]: k for k, v in enumerate(self.settings.get(kind, [])) if "name" in v}
+
+    def shining_covers(self, strengths):
+        if not (self.material >= 0 and strengths[self.material] > 0):
+            return np.empty((0, COLUMNS))
+        covers = np.zeros((len(self.radii), COLUMNS))
+        covers[:, CENTER], covers[:, RADIUS] = self.centers, self.radii
+        covers[:, POWER] = np.pi * self.radii**2 * strengths[self.material]
+        return covers
 
     def _all(self, origins, directions, t_min, t_max):
         result = np.full((len(origins), len(self.radii)), np.inf)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pcsg.render.bsdf import Matter, albedo_tables, scatter_batch
+from pcsg.render.bsdf import Matter, _mix_at, _regain, albedo_tables, scatter_batch
 from pcsg.render.sampler import Sampler
 
 KINDS = {
@@ -84,12 +84,18 @@ def reflected(m):
 @pytest.mark.parametrize("kind", KINDS)
 def test_white_surfaces_in_white_light_are_white(kind, roughness, tilt):
     found = reflected(matter(tilted(tilt, 1 << 16), roughness=roughness, **KINDS[kind]))
-    assert (found <= 1.006).all()
-    # What scatters several times within rough glass is lost: the sharper, the less.
-    if not KINDS[kind].get("transmission") or roughness == 0:
-        assert (found >= 0.993).all()
-    elif roughness <= 0.2:
-        assert (found >= 0.95).all()
+    # What rough glass loses is known from a coarse table.
+    error = 0.02 if KINDS[kind].get("transmission") else 0.007
+    np.testing.assert_allclose(found, 1.0, atol=error)
+
+
+@pytest.mark.parametrize("ior", [1.05, 1.33, 2.4])
+@pytest.mark.parametrize("inside", [False, True])
+def test_nor_does_other_glass_lose_light(ior, inside):
+    eta = 1 / ior if inside else ior
+    for roughness in (0.3, 0.7):
+        m = matter(tilted(0.5, 1 << 15), roughness=roughness, transmission=1.0, eta=eta)
+        np.testing.assert_allclose(reflected(m), 1.0, atol=0.02)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -121,7 +127,7 @@ def direction(z, turn):
 
 
 @given(
-    st.sampled_from([k for k in KINDS if k not in ("glass", "in glass", "half glass")]),
+    st.sampled_from([k for k in KINDS if k not in ("glass", "in glass", "half glass", "pane")]),
     st.floats(0, 1),
     st.floats(0.02, 1),
     st.floats(0.02, 1),
@@ -144,7 +150,13 @@ def test_refraction_changes_places_with_the_square_of_the_index(rough, first, se
     glass = {"transmission": 1.0, "roughness": rough}
     into, _ = evaluate(matter([a], eta=1.5, **glass), [[b[0], b[1], -b[2]]])
     # The same pair of directions, looked at from the other side with z turned over.
-    out, _ = evaluate(matter([[b[0], b[1], b[2]]], eta=1 / 1.5, **glass), [[a[0], a[1], -a[2]]])
+    out, _ = evaluate(matter([b], eta=1 / 1.5, **glass), [[a[0], a[1], -a[2]]])
+    # What is given back for what rough glass loses depends on the viewer only.
+    gains = [
+        _regain(_mix_at(matter([v], eta=eta, **glass), 0), albedo_tables(), v[2])
+        for v, eta in ((a, 1.5), (b, 1 / 1.5))
+    ]
+    into, out = into / gains[0], out / gains[1]
     np.testing.assert_allclose(into / second * 1.5**2, out / first, rtol=1e-6, atol=1e-9)
 
 

@@ -54,7 +54,7 @@ def ours(matter, seed):
         sun {{ direction = (0.4, -0.6, 0.7); color = (1, 1, 1); strength = 2; angle = 0 }}
         sky {{ zenith = (0.5, 0.6, 0.8); horizon = (0.5, 0.6, 0.8) }}
         camera {{ eye = (2, -7, 4); target = (0, 0, 0.6); fov = 35 }}
-        film {{ mode = path; bounces = 12 }}"""
+        film {{ mode = path; bounces = 12; exposure = -8 }}"""
     )
     job = Job(scene, Options(size=SIZE, samples=64, seed=seed))
     job.film.unfinished = lambda taken: np.ones(job.film.count.shape, dtype=bool)
@@ -62,7 +62,8 @@ def ours(matter, seed):
     return job.image().rgb
 
 
-def theirs(mi, bsdf):
+def theirs(mi, bsdf, lamps=None):
+    """Return Mitsuba's picture under sun and sky, or under lamps."""
     sun = np.array([0.4, -0.6, 0.7])
     at = mi.ScalarTransform4f
     scene = {
@@ -89,9 +90,58 @@ def theirs(mi, bsdf):
             "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.5, 0.5, 0.5]}},
         },
     }  # fmt: skip
+    if lamps is not None:
+        del scene["sun"], scene["sky"]
+        scene |= lamps
     for k, (c, r) in enumerate(BALLS):
         scene[f"ball{k}"] = {"type": "sphere", "center": list(c), "radius": r, "bsdf": bsdf}
     return np.array(mi.render(mi.load_dict(scene)))
+
+
+LAMPS = {"ball": (0.4, -1.2, 2.4), "panel": (-0.6, 1.0, 3.0)}
+RADIANCE = {"ball": (12.0, 8.0, 4.0), "panel": (2.0, 3.0, 5.0)}
+
+
+def test_lamps_agree_with_mitsuba(mitsuba):
+    """A ball and a panel that shine, and nothing else."""
+    balls = " | ".join(f"move{c} uscale({r}) sphere" for c, r in BALLS)
+    scene = pcsg.loads(
+        f"""{{}} (material(ball) ({balls}) | material(floor) move(0,0,-1) scale(40,40,1) box
+            | material(one) move{LAMPS["ball"]} uscale(0.15) sphere
+            | material(two) move{LAMPS["panel"]} scale(0.8, 0.5, 0.02) box)
+        material ball {{ {MATTERS["matt"][0]} }}
+        material floor {{ color = (0.5, 0.5, 0.5); specular = 0 }}
+        material one {{ emission = {RADIANCE["ball"]}; color = (0, 0, 0); specular = 0 }}
+        material two {{ emission = {RADIANCE["panel"]}; color = (0, 0, 0); specular = 0 }}
+        sun {{ strength = 0 }}  sky {{ kind = none }}
+        camera {{ eye = (2, -7, 4); target = (0, 0, 0.6); fov = 35 }}
+        film {{ mode = path; bounces = 12; exposure = -8 }}"""
+    )
+    job = Job(scene, Options(size=SIZE, samples=64))
+    job.film.unfinished = lambda taken: np.ones(job.film.count.shape, dtype=bool)
+    job.run()
+    at = mitsuba.ScalarTransform4f
+    shapes = {
+        "ball": {"type": "sphere", "center": list(LAMPS["ball"]), "radius": 0.15},
+        "panel": {
+            "type": "cube",
+            "to_world": at().translate(list(LAMPS["panel"])).scale([0.8, 0.5, 0.02]),
+        },
+    }
+    lamps = {
+        name: {
+            **shape,
+            "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}},
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(RADIANCE[name])}},
+        }
+        for name, shape in shapes.items()
+    }
+    peer = theirs(mitsuba, MATTERS["matt"][1], lamps)
+    blocks = [x.reshape(9, 8, 12, 8, 3).mean(axis=(1, 3)) for x in (job.image().rgb, peer)]
+    # The lamps themselves are in the two upper rows.
+    found, peers = (x[2:] for x in blocks)
+    np.testing.assert_allclose(found.mean(axis=(0, 1)), peers.mean(axis=(0, 1)), rtol=0.01)
+    assert np.abs(found - peers).mean() < 0.03 * peers.mean()
 
 
 @pytest.mark.parametrize("matter", MATTERS)
