@@ -9,7 +9,7 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import blobs, detail, mesh, modes, operations, pictures, rays, trees
+from benchmarks import blobs, detail, growth, mesh, modes, operations, pictures, rays, trees
 from benchmarks.report import Effort, Subject, describe_machine, lines_of
 from benchmarks.results import merge
 
@@ -31,6 +31,7 @@ SUBJECTS: tuple[Subject, ...] = (
     pictures.PICTURES,
     pictures.STARTUP,
     blobs.BLOBS,
+    growth.INSTANTS,
 )
 RESULTS = Path(__file__).parent / "RESULTS.md"
 

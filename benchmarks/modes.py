@@ -10,7 +10,9 @@ import numpy as np
 
 import pcsg
 from benchmarks.report import Effort, Row, Subject
+from pcsg.graph.shining import CENTER, COLUMNS, POWER, RADIUS
 from pcsg.render.bsdf import Matter, albedo_tables, scatter_batch
+from pcsg.render.emitters import Emitters
 from pcsg.render.job import Job
 from pcsg.render.options import Options
 from pcsg.render.sampler import Sampler
@@ -30,6 +32,8 @@ def rows(effort: Effort) -> Iterator[Row]:
         assert job is not None
         yield Row(f"tree, {mode}", (job.progress.rays / best / 1e6, best))
     yield Row("drawing and weighing a direction", (_scattered(effort) / 1e6, None))
+    for count in (1, 64):
+        yield Row(f"aiming at one of {count} shining things", (_aimed(effort, count) / 1e6, None))
     yield Row("a pair of numbers", (_numbers(effort) / 1e6, None))
 
 
@@ -55,6 +59,15 @@ def _scattered(effort: Effort) -> float:
     room = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
     tables = albedo_tables()
     return n / _best(lambda: scatter_batch(matter, tables, True, pairs, pairs, *room), effort)
+
+
+def _aimed(effort: Effort, count: int) -> float:
+    n, rng = effort.rays, np.random.default_rng(1)
+    covers = np.zeros((count, COLUMNS))
+    covers[:, CENTER] = rng.random((count, 3))
+    covers[:, RADIUS], covers[:, POWER] = 0.01, 1.0
+    emitters, at, pairs = Emitters(covers), rng.random((n, 3)), rng.random((n, 2))
+    return n / _best(lambda: emitters.aim(at, pairs), effort)
 
 
 def _numbers(effort: Effort) -> float:

@@ -325,12 +325,13 @@ class Scene:
         """
         if not (strengths > 0.0).any():
             return np.empty((0, 0))
-        from pcsg.graph.shining import shining_covers
+        from pcsg.graph.shining import dark_nodes, shining_covers
 
-        states = self.states
+        states, shines = self.states, strengths.tolist()
         if not states.finite:
-            states = enumerate_states(self.graph, self.values, WHOLE_BUDGET)
-        return shining_covers(states, strengths.tolist())
+            dark = dark_nodes(self.graph, shines)
+            states = enumerate_states(self.graph, self.values, WHOLE_BUDGET, without=dark)
+        return shining_covers(states, shines)
 
     def intersect(
         self,

@@ -307,3 +307,17 @@ def test_a_picture_that_fails_ends_the_gallery(run, tmp_path):
     failed = run("gallery", "--render", "leaf", "--size", "16x12", "--samples", "1")
     assert failed.exit_code == 1
     assert "leaf was not made" in failed.output
+
+
+def test_large_pictures_are_left_with_few_colours(run, tmp_path, monkeypatch):
+    arguments = ["gallery", "--render", "leaf", "--size", "60x45", "--samples", "1"]
+    assert run(*arguments).exit_code == 0
+    with Image.open(tmp_path / "leaf.png") as picture:
+        whole, texts = np.asarray(picture.convert("RGB"), dtype=int), dict(picture.text)
+    monkeypatch.setattr(gallery, "LARGEST", 100)
+    assert run(*arguments).exit_code == 0
+    with Image.open(tmp_path / "leaf.png") as picture:
+        assert picture.mode == "P"
+        assert dict(picture.text) == texts
+        few = np.asarray(picture.convert("RGB"), dtype=int)
+    assert np.abs(few - whole).mean() < 4

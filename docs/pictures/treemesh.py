@@ -297,7 +297,7 @@ def edits(stage: Stage) -> None:
     for k, surf in enumerate(frames):
         stage.add(surf.verts, surf.quads, normals=surf.normals, at=(2.6 * k, 0.0, 0.0))
         stage.add_edges(surf.verts, edges_of(surf.quads), 0.0024, at=(2.6 * k, 0.0, 0.0))
-    camera = "eye = (3.75, -16, 2.6); target = (3.75, 0, 1.62); fov = 15.6"
+    camera = "eye = (3.75, -16, 2.6); target = (3.75, 0, 1.68); fov = 16.4"
     stage.render("treemesh-edits", (1200, 400), camera, LIGHT + FLOOR % 0.0)
 
 
@@ -333,7 +333,7 @@ def hero(stage: Stage) -> None:
     """A tree of the gallery, without its leaves, as one surface."""
     surf = tree_surface(tree(cnt=11, trunk=0), max_aspect=None)
     stage.add(surf.verts, surf.quads, normals=surf.normals, color="0.36, 0.26, 0.17")
-    camera = "eye = (2.0, -10, 0.9); target = (0.05, 0, 1.95); fov = 26"
+    camera = "eye = (2.0, -10, 0.9); target = (0.05, 0, 2.02); fov = 27.5"
     more = """
     sun { direction = (-0.85, -0.5, 0.5); color = (1, 0.82, 0.56); strength = 4.4; angle = 1 }
     sky { zenith = (0.20, 0.36, 0.62); horizon = (0.72, 0.71, 0.68) }

@@ -83,6 +83,9 @@ def folder() -> Path:
     raise EnvironmentFault("the grammars of the gallery are not installed with this pcsg")
 
 
+LARGEST = 400_000
+"""Bytes above which a picture is left with 256 colours: fine patterns do not pack."""
+
 PROGRESS = ".gallery.progress"
 """File beside the pictures with the names of those that are done, until all are."""
 
@@ -178,6 +181,7 @@ def _make(picture: Picture, place: Path, path: Path, size: str, samples: int | N
         raise typer.Exit(INTERRUPTED)
     if process.returncode != 0:
         raise EnvironmentFault(f"{picture.name} was not made: status {process.returncode}")
+    _shrink(path)
     told = json.loads(output)
     memory = told["memory"] or 0
     say(
@@ -185,6 +189,22 @@ def _make(picture: Picture, place: Path, path: Path, size: str, samples: int | N
         f" {told['rays_per_second'] / 1e6:.2g} million/s, {memory / 1e6:.0f} MB"
     )
     return int(memory)
+
+
+def _shrink(path: Path) -> None:
+    """Leave a picture that is large with 256 colours, and with its texts."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    if path.stat().st_size <= LARGEST:
+        return
+    with Image.open(path) as picture:
+        texts = PngInfo()
+        for keyword, text in picture.info.items():
+            if isinstance(keyword, str) and isinstance(text, str):
+                texts.add_text(keyword, text)
+        few = picture.convert("RGB").quantize(256, dither=Image.Dither.FLOYDSTEINBERG)
+    write_whole(path, lambda file: few.save(file, format="PNG", optimize=True, pnginfo=texts))
 
 
 STARTER = """\
@@ -199,12 +219,12 @@ STARTER = """\
 // A module: its selection function says by number which rule is taken.
 LIMB if(n > 0, 2, 1)
 1: LIMB -> leaf
-2: LIMB -> wood | move(0, 0, 1) {n = n-1} rotz(80 + 40*rand(n, SEED)) (
+2: LIMB -> twig | move(0, 0, 1) {n = n-1} rotz(80 + 40*rand(n, SEED)) (
        rotx(angle) uscale(0.78) LIMB             // | is union, & intersection, \\ difference
      | rotx(-0.8*angle) uscale(0.82) LIMB )
 
 // Names for solids. Transformations act on what stands behind them.
-wood = material(bark) (scale(0.1, 0.1, 1) cone(0.8) | move(0, 0, 1) uscale(0.08) sphere)
+twig = material(bark) (scale(0.1, 0.1, 1) cone(0.8) | move(0, 0, 1) uscale(0.08) sphere)
 leaf = material(green) color(0.25 + 0.2*rand(n), 0.5, 0.05)
        move(0, 0, 0.4) scale(0.25, 0.06, 0.5) sphere
 

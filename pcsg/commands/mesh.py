@@ -227,14 +227,14 @@ def _read(given: Input) -> tuple[Skeleton, list[str]]:
 
 def _is_species(file: Path) -> bool:
     """Return whether a file is a growing tree's, or its name that of a shipped one."""
+    from pcsg.growth.leaf import is_species
     from pcsg.growth.species import shipped
 
     if str(file) in shipped():
         return True
     if file.suffix.lower() != ".json" or not file.is_file():
         return False
-    text = file.read_text("utf-8", errors="replace")
-    return '"curves"' in text or '"species"' in text
+    return is_species(file.read_text("utf-8", errors="replace"))
 
 
 def _grown(given: Input) -> Skeleton:

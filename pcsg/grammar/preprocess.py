@@ -14,6 +14,8 @@ from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, Source, SourceSpan
 from pcsg.grammar.macros import Expander, Macro, line_end, take_define, usable_macros
 from pcsg.grammar.tokens import Token, join, tokenize
+from pcsg.growth.leaf import is_species
+from pcsg.skeletonfile import SKELETON_ENDINGS
 
 MAX_BYTES = 16 * 2**20
 """A longer file is refused."""
@@ -28,13 +30,21 @@ class Unit:
     includes: list[tuple[Path, SourceSpan]] = field(default_factory=list)
 
 
-MODELS = {
-    ".lsys": """material(plant) blob("NAME", SEED)
-material plant { roughness = 0.9; specular = 0.1 }
+PLANT = """material(plant) blob("NAME", SEED)
+"""
+"""The grammar that the file of an L-system stands for: the plant that it draws."""
+
+SKELETON = """{junctions = 1; bend = 0} material(plant) blob("NAME", junctions, bend)
+"""
+"""The grammar that the file of a skeleton stands for: its tree."""
+
+MEADOW = """material plant { roughness = 0.9; specular = 0.1 }
 material meadow { color = (0.16, 0.20, 0.08); roughness = 1; specular = 0 }
 ground { z = 0; material = meadow }
-""",
-    ".json": """{ t = 12.6; seed = 0 }
+"""
+"""What such a plant is made of, and stands on."""
+
+GROWING = """{ t = 12.6; seed = 0 }
 ( material(bark) tree_wood("NAME", t, seed) | material(leaf) tree_leaves("NAME", t, seed) )
 material bark { roughness = 0.95; specular = 0.15; relief = furrows; bump = 0.012 }
 texture furrows { kind = bark; scale = 0.35 }
@@ -43,27 +53,8 @@ material meadow { color = (0.13, 0.18, 0.06); roughness = 1; specular = 0 }
 ground { z = 0; material = meadow }
 sun { direction = (0.75, -0.55, 0.8); strength = 3.6; angle = 2; color = (1, 0.95, 0.86) }
 sky { zenith = (0.16, 0.33, 0.66); horizon = (0.62, 0.70, 0.78) }
-""",
-}
-"""The grammars that files of models stand for: the plant that an L-system draws, and a tree of a
-species at the time t, on a meadow."""
-
-SKELETON = """{ junctions = 1; bend = 0 } material(plant) blob("NAME", junctions, bend)
-material plant { roughness = 0.9; specular = 0.1 }
-material meadow { color = (0.16, 0.20, 0.08); roughness = 1; specular = 0 }
-ground { z = 0; material = meadow }
 """
-"""The grammar that the file of a skeleton stands for: its tree."""
-
-
-def _model_form(ending: str, text: str) -> str | None:
-    """Return the grammar that a file stands for; None for one that is a grammar itself.
-
-    JSON may hold a skeleton or a species: a skeleton has nodes and edges.
-    """
-    if ending == ".swc" or (ending == ".json" and '"nodes"' in text and '"edges"' in text):
-        return SKELETON
-    return MODELS.get(ending)
+"""The grammar that the file of a growing tree stands for: the tree at the time t, on a meadow."""
 
 
 @dataclass
@@ -75,10 +66,19 @@ class Preprocessed:
     problems: list[Diagnostic]
 
 
+def model_grammar(suffix: str, text: str) -> str | None:
+    """Return the grammar that a file of a model stands for; None for a grammar itself."""
+    if suffix == ".lsys":
+        return PLANT + MEADOW
+    if suffix == ".json" and is_species(text):
+        return GROWING
+    return SKELETON + MEADOW if suffix in SKELETON_ENDINGS else None
+
+
 def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
     """Read a file and what it includes."""
     source, problems = _read(path, str(path))
-    form = _model_form(path.suffix, source.text) if source is not None else None
+    form = None if source is None else model_grammar(path.suffix, source.text)
     if source is not None and form is not None:
         source = Source(str(path), form.replace("NAME", path.name), str(path.parent))
     if source is None:

@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from pcsg.graph.attributes import ATTRIBUTE_SLOTS
 from pcsg.graph.code import compose_affine
-from pcsg.graph.nodes import Leaf
+from pcsg.graph.graph import Graph
+from pcsg.graph.nodes import Attribute, Leaf
 from pcsg.graph.states import LeafItem, StateGraph, StateItem
 from pcsg.vec import IDENTITY, Affine
 
 Floats = NDArray[np.float64]
 
-MOST_COVERS = 256
+MOST_COVERS = 64
 """Where the cut ends."""
 
 MOST_PIECES = 32
@@ -39,6 +40,41 @@ CENTER, RADIUS, POWER, VOLUME, AXES, INVERSE, COLUMNS = slice(0, 3), 3, 4, 5, 6,
 `AXES`, and the rows of the matrix into its frame in those from `INVERSE`."""
 
 _MATERIAL = ATTRIBUTE_SLOTS.index("@material")
+
+
+def dark_nodes(graph: Graph, strengths: Sequence[float]) -> frozenset[int]:
+    """Return the nodes of a graph below which nothing shines, whatever rules are taken.
+
+    Parameters
+    ----------
+    strengths
+        How much a surface of every material shines.
+    """
+    numbers = graph.numbers_of("material")
+    # Nodes with the material that holds above them; who leads there; where light is.
+    found, todo = {(0, -1)}, [(0, -1)]
+    above: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    lit: list[tuple[int, int]] = []
+    while todo:
+        n, material = here = todo.pop()
+        node = graph.nodes[n]
+        if isinstance(node, Leaf) and material >= 0 and strengths[material] > 0.0:
+            lit.append(here)
+        if isinstance(node, Attribute) and node.kind.name == "material":
+            material = numbers[node.reference or ""]
+        for below in graph.successors[n]:
+            there = below, material
+            above.setdefault(there, []).append(here)
+            if there not in found:
+                found.add(there)
+                todo.append(there)
+    bright = set(lit)
+    while lit:
+        for there in above.get(lit.pop(), ()):
+            if there not in bright:
+                bright.add(there)
+                lit.append(there)
+    return frozenset(range(len(graph.nodes))) - {n for n, _ in bright}
 
 
 class _Part(NamedTuple):

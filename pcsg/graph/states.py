@@ -14,7 +14,7 @@ equal.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from struct import Struct
@@ -209,6 +209,7 @@ def enumerate_states(
     budget: int = BUDGET,
     depth_limit: int = 10_000,
     starts: Sequence[Start] | None = None,
+    without: Collection[int] = (),
 ) -> StateGraph:
     """Unroll a graph over its states.
 
@@ -222,13 +223,15 @@ def enumerate_states(
         Most selections on a path.
     starts
         Where to begin in place of the axiom: state 0 is then their union.
+    without
+        Nodes that are taken to be empty.
 
     Returns
     -------
     StateGraph
         With `finite` False where the budget ended first, and with the faults met.
     """
-    unroller = _Unroller(graph, globals_values, budget)
+    unroller = _Unroller(graph, globals_values, budget, without)
     unroller.run(starts)
     _check_depth(unroller.found, depth_limit)
     return unroller.found
@@ -238,9 +241,14 @@ class _Unroller:
     """Enumerates states depth first, so that endless recursion shows itself by its depth."""
 
     def __init__(
-        self, graph: Graph, globals_values: Mapping[str, float] | None, budget: int
+        self,
+        graph: Graph,
+        globals_values: Mapping[str, float] | None,
+        budget: int,
+        without: Collection[int] = (),
     ) -> None:
         self.graph = graph
+        self.without = without
         self.liveness = Liveness(graph)
         self.code = GraphCode(graph, self.liveness)
         self.cuts = cuts(graph)
@@ -320,6 +328,10 @@ class _Unroller:
                     content.append(Combine(entry.operator, entry.arity))
                 continue
             n, params, matrix = entry  # type: ignore[misc]
+            if n in self.without:
+                steps.append(OperationStep(n, UNION, 0))
+                content.append(Combine(UNION, 0))
+                continue
             node = graph.nodes[n]
             is_cut = n in self.cuts and n != opened
             opened = -1

@@ -88,6 +88,11 @@ class Growth(BlobSource):
         return self._foliage[key]
 
 
+def is_species(text: str) -> bool:
+    """Return whether a JSON text looks like a growing tree's and not like a skeleton's."""
+    return '"curves"' in text or '"species"' in text
+
+
 _READ: dict[tuple[str, str], Growth] = {}
 
 

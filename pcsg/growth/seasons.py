@@ -21,6 +21,7 @@ Keys = NDArray[np.uint64]
 _AFTER_START = 0.05
 _OPENING = 0.05
 _FALLING = 0.04
+_BEGUN = 1e-6
 
 
 def step(species: Species, name: str, z: ArrayLike) -> Any:
@@ -38,10 +39,11 @@ def metamer_start(species: Species, j: ArrayLike, m: ArrayLike) -> Floats:
 
 
 def elongation(species: Species, tau: float, j: ArrayLike, m: ArrayLike) -> Floats:
-    """Return how much of its length the internode of metamer j of m has."""
+    """Return how much of its length the internode of metamer j of m has; 0 below a millionth."""
     season = species.season
     duration = season.metamer * (season.grow_end - season.burst)
-    return np.asarray(step(species, "g_int", (tau - metamer_start(species, j, m)) / duration))
+    grown = step(species, "g_int", (tau - metamer_start(species, j, m)) / duration)
+    return np.where(grown < _BEGUN, 0.0, grown)
 
 
 def unfolding(species: Species, tau: float, j: ArrayLike, m: ArrayLike) -> Floats:

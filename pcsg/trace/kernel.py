@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.graph.operators import DIFFERENCE
 from pcsg.indices import place, wide
 from pcsg.jit import njit
 from pcsg.leaf.registry import ANY, OVERFLOW, Pool
@@ -61,6 +62,8 @@ from pcsg.trace.traversal import (
     store_ray,
 )
 from pcsg.vec import Ray, Vec3, determinant, load_affine, transform_ray
+
+_DIFFERENCE = DIFFERENCE.kind
 
 
 class Extent(NamedTuple):
@@ -279,7 +282,7 @@ def find_first(
                 break
         elif kind == OPERATION:
             answer, t = step_operation(
-                trees, pool, scratch, code, entry, top, at_level, touch, near, far, hit, best
+                trees, pool, scratch, code, want, entry, top, at_level, touch, near, far, hit, best
             )
             if answer == HIT:
                 hit = HIT
@@ -324,6 +327,7 @@ def step_operation(
     pool: Pool,
     scratch: Scratch,
     code: int,
+    want: int,
     entry: float,
     top: int,
     level: int,
@@ -339,6 +343,8 @@ def step_operation(
     ----------
     code, entry, level
         The reference to the operation, where the ray enters its box, and the level of the ray.
+    want
+        FIRST, or ANY: then nobody asks which leaf it is.
     top
         Where the free part of the stack begins.
     touch, near, far
@@ -364,12 +370,23 @@ def step_operation(
         return INSIDE, best
     held = PATH * (MAX_DEPTH - 1)
     answer = MISS
+    # Whether a difference begins at t is asked of what is at t only; where it does not, one of the
+    # subtracted mostly tells its end as well. What comes next is looked for where none does.
+    probes = trees.operations[place(trees.targets[place(code >> 3)])] == _DIFFERENCE
     while state == 0 and u <= far and u < math.inf:
         t = u
-        copy_path(paths, PATH * (level + 1), held)
-        state, u = ask(trees, pool, scratch, code, ray, t, far, t, top, level)
+        if want != ANY:
+            copy_path(paths, PATH * (level + 1), held)
+        probe = min(far, t + 2.0 * tolerance(t)) if probes else far
+        state, u = ask(trees, pool, scratch, code, ray, t, probe, t, top, level)
+        if probes and state == 0 and not u < math.inf:
+            state, u = ask(trees, pool, scratch, code, ray, t, far, t, top, level)
         if state == UNDECIDED:
             return UNDECIDED, best
+        if want == ANY and state == 1:
+            best = t
+            answer = HIT
+            break
         if state == 1 and is_subtracted(trees, paths, held):
             sure, t = settle_exit(trees, pool, scratch, code, ray, t, top, level, 1)
             if not sure:
@@ -406,7 +423,11 @@ def find_exit(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int, 
     while state == 1 and u <= world.tmax and u < math.inf:
         t = u
         copy_path(paths, PATH, held)
-        state, u = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
+        # Mostly nothing else is there, and nobody asks what comes next.
+        probe = min(world.tmax, t + 2.0 * tolerance(t))
+        state, u = ask(trees, pool, scratch, code, world, t, probe, t, 0, 0)
+        if state == 1:
+            state, u = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
     if state != 0:
         return MISS if state == 1 else UNDECIDED
     if want != ANY:

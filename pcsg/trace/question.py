@@ -25,6 +25,7 @@ from pcsg.trace.simd import WIDTH
 from pcsg.trace.traversal import (
     ENDS,
     FRAME,
+    LIMITS,
     NONE,
     PATH,
     SLOT,
@@ -80,7 +81,8 @@ def ask(
     -------
     state, u
         1 inside, 0 outside or `UNDECIDED`; it stays so on (t, u) at least. Infinite where nothing
-        happens up to the limit. The path kept for `level` leads to the end u.
+        happens up to the limit; beyond it only what is known of all that is asked. The path kept
+        for `level` leads to the end u.
     """
     entry_t, entry_ref, rays = scratch.entry_t, scratch.entry_ref, scratch.rays
     paths, small, frames, limits = scratch.paths, scratch.small, scratch.frames, scratch.limits
@@ -88,6 +90,7 @@ def ask(
     if level + 4 >= MAX_DEPTH or base >= STACK - 2 * WIDTH:
         return UNDECIDED, t
     beyond = t + tolerance(t)
+    alone = code & 7 == OPERATION
     frame = 0
     kept = PATH * (level + 1)
     paths[kept] = 0
@@ -169,13 +172,9 @@ def ask(
             at = FRAME * frame
             frames[at], frames[at + 1], frames[at + 2] = target, 0, at_level
             frames[at + 3], frames[at + 4], frames[at + 5] = base, kept, top
-            at = 4 * frame
-            limits[at], limits[at + 1], limits[at + 2], limits[at + 3] = (
-                limit,
-                far,
-                nearest,
-                math.inf,
-            )
+            at = LIMITS * frame
+            limits[at], limits[at + 1], limits[at + 2] = limit, far, nearest
+            limits[at + 3], limits[at + 4] = math.inf, math.inf
             frame += 1
             at_level += 2
             kept = PATH * (at_level + 1)
@@ -200,15 +199,17 @@ def ask(
                 if found:
                     break
                 state = 0
-                u = nearest
+                # Beyond the limit something else may come first, if there is anything else.
+                u = nearest if nearest <= limit or (alone and frame == 0) else math.inf
             # A group has answered (state, u): to the caller, or to the operation that asked.
             if frame == 0:
                 return state, u
             at = FRAME * (frame - 1)
             target, done, at_level = frames[at], frames[at + 1] + 1, frames[at + 2]
             own = PATH * (at_level + 2)
-            far = limits[4 * (frame - 1) + 1]
-            until = limits[4 * (frame - 1) + 3]
+            at_limits = LIMITS * (frame - 1)
+            far = limits[at_limits + 1]
+            until = limits[at_limits + 3]
             subtracted = trees.operations[target] == _DIFFERENCE and done > 1
             # Where nothing happens up to the limit, the operation stays as it is until an operand
             # before it ends. Where the solid may begin, an end that another leaf goes on beyond
@@ -218,9 +219,11 @@ def ask(
             if u < until - e or (decided and u <= until + e):
                 until = u
                 copy_path(paths, kept, own)
+            if not u < math.inf:
+                limits[at_limits + 4] = far
             if not decided and done < trees.operations[target + 1]:
                 frames[at + 1] = done
-                limits[4 * (frame - 1) + 3] = until
+                limits[at_limits + 3] = until
                 paths[at_level + 1] = -1 - done
                 at_level += 2
                 paths[kept] = 0
@@ -232,9 +235,13 @@ def ask(
                 code = wide(trees.operations[target + 3 + done]) << 3 | BLOCK
                 found = True
                 break
+            known = math.inf if decided and u < math.inf else limits[at_limits + 4]
+            if until > known:
+                # An operand is known up to the limit only, whatever others do behind it.
+                until = math.inf
             frame -= 1
             base, kept, top = frames[at + 3], frames[at + 4], frames[at + 5]
-            limit, nearest = limits[4 * frame], limits[4 * frame + 2]
+            limit, nearest = limits[LIMITS * frame], limits[LIMITS * frame + 2]
             present = -1
             returns = not decided
             if returns:

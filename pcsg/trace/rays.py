@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -139,11 +140,22 @@ def run_chunks(n: int, threads: int, work: Callable[[int, int], None]) -> None:
         for begin, end in chunks:
             work(begin, end)
         return
-    with ThreadPoolExecutor(min(threads, len(chunks))) as executor:
-        futures = [executor.submit(work, begin, end) for begin, end in chunks]
-        try:
-            for future in futures:
-                future.result()
-        except BaseException:
-            executor.shutdown(cancel_futures=True)
-            raise
+    executor = _workers(os.getpid(), threads)
+    futures = [executor.submit(work, begin, end) for begin, end in chunks]
+    try:
+        for future in futures:
+            future.result()
+    except BaseException:
+        for future in futures:
+            future.cancel()
+        wait(futures)
+        raise
+
+
+@cache
+def _workers(process: int, threads: int) -> ThreadPoolExecutor:
+    """Return threads that stay, and so does the working space that kernels keep for each of them.
+
+    A process that was forked off has none of its parent's.
+    """
+    return ThreadPoolExecutor(threads, thread_name_prefix=f"pcsg-rays-{process}")

@@ -28,7 +28,7 @@ MISS, HIT, INSIDE, UNDECIDED = 0, 1, 2, -1
 
 STACK = 4_096
 PATH = MAX_DEPTH + 4
-FRAME = 6
+FRAME, LIMITS = 6, 5
 SLOT = -1_000_000
 """In a path, ``SLOT - k`` stands before the reference of primitive k of a small operation."""
 
@@ -80,10 +80,11 @@ class Scratch(NamedTuple):
         References on the way: an instance or an operation, then its operand as ``-1 - k``. Then,
         `PATH` entries each, the paths to the ends that questions have found at every level, and
         to the first hit at `HIT_PATH`: the number of references first, the leaf's last.
-    frames, limits : int64 (FRAME MAX_DEPTH,), float64 (4 MAX_DEPTH,)
+    frames, limits : int64 (FRAME MAX_DEPTH,), float64 (LIMITS MAX_DEPTH,)
         Operations that wait for an operand's answer: place in `operations`, operands done, level,
         and stack base, kept path and stack top of the question that met it; its limit, how far it
-        looked, its nearest end, and until where the operation stays as it is.
+        looked, its nearest end, until where the operation stays as it is, and until where
+        all operands are known.
     slots : int32
         Primitives that the crossings of a small operation belong to.
     small : float64
@@ -117,7 +118,7 @@ def make_scratch() -> Scratch:
         rays=np.zeros(8 * PATH),
         paths=np.zeros(PATH * (PATH + 2), np.int32),
         frames=np.zeros(FRAME * MAX_DEPTH, np.int64),
-        limits=np.zeros(4 * MAX_DEPTH),
+        limits=np.zeros(LIMITS * MAX_DEPTH),
         slots=np.zeros(ENDS + 64, np.int32),
         small=np.zeros(ENDS + 64),
         slabs=np.zeros(12, np.float32),

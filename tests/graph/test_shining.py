@@ -7,7 +7,8 @@ import pytest
 
 import pcsg
 from pcsg.graph import shining
-from pcsg.graph.shining import AXES, CENTER, INVERSE, RADIUS, VOLUME
+from pcsg.graph.nodes import Leaf
+from pcsg.graph.shining import AXES, CENTER, INVERSE, RADIUS, VOLUME, dark_nodes
 
 LAMP = "material lamp { emission = (3, 6, 9) }  material dark { color = (1, 0, 0) }"
 STRENGTHS = np.array([6.0, 0.0])
@@ -99,3 +100,36 @@ def test_power_does_not_depend_on_the_cut(monkeypatch):
 def test_what_has_no_bounds_has_no_covers():
     assert covers("material(lamp) halfspace").size == 0
     assert len(covers("{} material(lamp) (halfspace | move(0, 0, 3) sphere)")) == 1
+
+
+TERRAIN = """{{c = 9; x = 0; y = 0}} (LAND | move(0, 0, 3) {lamp})
+    LAND if(c > 0, 2, 1)
+    1: LAND -> color(rand(x, y), 0, 0) move(0, 0, rand(x, y)) box
+    2: LAND -> {{c = c-1; x = 2*x}} (LAND | {{y = y + 1}} LAND
+             | {{x = x + 1}} (LAND | {{y = 2*y}} LAND))
+"""
+
+
+def test_what_is_dark_is_not_looked_through():
+    """A lamp over a land of too many states to be unrolled."""
+    scene = pcsg.loads(TERRAIN.format(lamp="material(lamp) sphere") + LAMP)
+    assert not scene.states.finite
+    found = scene.shining_covers(STRENGTHS)
+    np.testing.assert_allclose(found[:, CENTER], [[0, 0, 3]])
+    names = {type(scene.graph.nodes[n]).__name__ for n in dark_nodes(scene.graph, STRENGTHS)}
+    assert "Selection" in names
+
+
+def test_dark_nodes_are_those_that_no_light_is_below():
+    scene = pcsg.loads(
+        f"""{{}} (T | material(lamp) T | material(lamp) material(dark) U | U)
+        T if(SEED >= 0, 1, 1)
+        1: T -> sphere | move(3, 0, 0) material(dark) box
+        U if(SEED >= 0, 1, 1)
+        1: U -> cylinder
+        {LAMP}"""
+    )
+    dark, nodes = dark_nodes(scene.graph, STRENGTHS), scene.graph.nodes
+    leaves = {node.solid.name: k in dark for k, node in enumerate(nodes) if isinstance(node, Leaf)}
+    assert leaves == {"sphere": False, "box": True, "cylinder": True}
+    assert 0 not in dark

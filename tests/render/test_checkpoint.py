@@ -29,6 +29,10 @@ def make(**options):
     return Job(scene, Options(**values))
 
 
+RARE = {"mode": "path", "exposure": 5.0}
+"""So bright that samples count as far as their neighbours have some as bright."""
+
+
 def same(a, b):
     return all(
         np.array_equal(x, y) if isinstance(x, np.ndarray) else True
@@ -91,12 +95,15 @@ def test_a_checkpoint_of_another_picture_is_refused(tmp_path):
     assert not resume(make(), tmp_path / "none.checkpoint")
 
 
-@pytest.mark.parametrize("parts", [2, 5])
-def test_tiles_join_to_the_same_bits(tmp_path, parts):
-    whole = make(size=(90, 133))
+@pytest.mark.parametrize(("parts", "film"), [(2, {}), (5, {}), (5, RARE)])
+def test_tiles_join_to_the_same_bits(tmp_path, parts, film):
+    made = {"size": (90, 133), "overrides": {"film": film}} if film else {"size": (90, 133)}
+    whole = make(**made)
     whole.run()
+    if film:
+        assert whole.film._cascade.excess().max() > 0
     for part in range(1, parts + 1):
-        job = make(size=(90, 133), tile=(part, parts))
+        job = make(**made, tile=(part, parts))
         job.run()
         assert join_tiles(job, tmp_path / "a.png")[0] is None
         assert write_tile(job, tmp_path / "a.png") == tile_path(tmp_path / "a.png", (part, parts))

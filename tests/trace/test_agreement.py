@@ -433,7 +433,12 @@ def assert_engines_agree(
 
 
 GRAMMARS = Path(__file__).parents[2] / "grammars"
-SMALLER = {"terrain": {"cnt": 2.0}, "sea": {"cnt": 2.0}, "zoom": {"c": 22.0}}
+SMALLER = {
+    "terrain": {"cnt": 2.0},
+    "sea": {"cnt": 2.0},
+    "zoom": {"c": 22.0},
+    "sponge": {"n": 4.0},
+}
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in GRAMMARS.glob("*.pcsg")))

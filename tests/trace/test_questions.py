@@ -1,0 +1,70 @@
+"""What is asked of operations, and how much of them is looked at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pcsg
+from pcsg.trace import rays as batches
+
+GRAMMARS = Path(__file__).parent.parent.parent / "grammars"
+
+ROW = " | ".join(f"move({k},0,0) uscale(0.4) sphere" for k in range(8))
+OTHER = " | ".join(f"move({k + 0.3},0.1,0) uscale(0.3) box" for k in range(8))
+BITES = f"(({OTHER}) & ({ROW} | move(0,0.2,0) box))"
+NESTED = f"{{}} (scale(9,1,1) box \\ (({ROW}) \\ ({OTHER})) \\ {BITES})"
+
+
+def rays_at(bounds: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(3)
+    low, high = bounds
+    origins = (low + high) / 2 + rng.normal(size=(n, 3)) * np.max(high - low)
+    return origins, low + rng.random((n, 3)) * (high - low) - origins
+
+
+def test_tunnels_are_not_searched_for_what_comes_next() -> None:
+    """Seven times as many blocks are visited where all that is subtracted is looked through."""
+    visits = []
+    for n in (3.0, 5.0):
+        scene = pcsg.load(GRAMMARS / "menger.pcsg", parameters={"n": n})
+        scene.intersect(*rays_at(scene.bounds, 2_000))
+        visits.append(scene.tracer.profile["blocks"])  # type: ignore[attr-defined]
+    assert visits[1] < 2.5 * visits[0]
+
+
+@pytest.mark.parametrize("text", [NESTED, f"{NESTED} & ({ROW} | scale(4,1,1) box)"])
+def test_nested_differences_agree_in_both_ways_to_ask(text: str) -> None:
+    walked, states = (pcsg.loads(text, engine=engine) for engine in ("cyclic", "states"))
+    rays = rays_at(walked.bounds, 3_000)
+    a, b = walked.intersect(*rays), states.intersect(*rays)
+    assert a.mask.sum() > 200
+    np.testing.assert_allclose(b.t, a.t, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(states.occluded(*rays), a.mask)
+
+
+def test_the_first_fault_of_many_threads_is_told_and_nothing_runs_on() -> None:
+    done: list[int] = []
+
+    def work(begin: int, end: int) -> None:
+        if begin in (batches.CHUNK, 3 * batches.CHUNK):
+            raise ValueError(begin)
+        done.append(begin)
+
+    with pytest.raises(ValueError, match=str(batches.CHUNK)):
+        batches.run_chunks(6 * batches.CHUNK, 2, work)
+    count = len(done)
+    batches.run_chunks(2 * batches.CHUNK, 2, lambda begin, end: None)
+    assert len(done) == count
+
+
+def test_threads_keep_their_working_space() -> None:
+    scene = pcsg.loads("sphere")
+    n = 3 * batches.CHUNK
+    rays = np.tile([0.0, 0.0, -5.0], (n, 1)), np.tile([0.0, 0.0, 1.0], (n, 1))
+    scene.tracer.threads = 2  # type: ignore[attr-defined]
+    for _ in range(5):
+        scene.intersect(*rays)
+    assert len(scene.tracer._scratches) <= 2  # type: ignore[attr-defined]
