@@ -83,6 +83,16 @@ def picture(model: Model, size: int, zoom: float) -> tuple[np.ndarray, np.ndarra
     return o, np.tile([0.0, 1.0, 0.0], (x.size, 1))
 
 
+def shortened(s: Skeleton) -> Skeleton:
+    """Return internodes that end 1.75 radii before the next one, so that their sum is no lump."""
+    length = np.linalg.norm(s.end - s.start, axis=1)
+    cut = np.zeros(len(length))
+    borne = s.parent >= 0
+    np.maximum.at(cut, s.parent[borne], 1.75 * s.base[borne])
+    share = 1.0 - np.minimum(cut / length, 0.95)
+    return s._replace(end=s.start + share[:, None] * (s.end - s.start))
+
+
 def cylinders(skeleton: Skeleton) -> Model:
     """Return the sum of plain cylinders that `write_blob` writes, too."""
     axis = skeleton.end - skeleton.start
@@ -189,6 +199,7 @@ def rows(effort: Effort) -> Iterator[Row]:
 
 
 def _beside_povray(skeleton: Skeleton, size: int) -> Iterator[Row]:
+    skeleton = shortened(skeleton)
     model = cylinders(skeleton)
     blob = write_blob(skeleton)
     for part, zoom in (("whole", 1.0), ("crown", 5.0)):

@@ -282,6 +282,9 @@ class Flattener:
         if node.groups is not None:
             self._add_groups(node, at, rows, about, lower, upper, uv)
             return
+        # Their order does not matter, but the hierarchy follows it.
+        order = along_curve(rows[:, :3] + 0.5 * rows[:, 3:6])
+        rows, lower, upper, uv = rows[order], lower[order], upper[order], uv[order]
         parent = at.parent
         if self.operators[parent][2] != BLENDS[node.blend].kind:
             parent = self._open(node.blend, at.parent, at.slot, (), len(node.start))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pcsg import blobtree as b
 from pcsg.blobtree.fields import LEVEL, REACH, bound_below, smooth_hull
 from pcsg.blobtree.model import Model
-from pcsg.blobtree.nodes import Field
+from pcsg.blobtree.nodes import Cones, Field
 from pcsg.errors import UsageError
 
 
@@ -174,3 +174,14 @@ def test_memory_of_a_primitive() -> None:
     rng = np.random.default_rng(0)
     parts = [b.place(at(*rng.uniform(0, 50, 3)), b.cone(1.0, 0.3, 0.2)) for _ in range(4000)]
     assert Model(b.total(*parts)).nbytes / 4000 <= 110
+
+
+def test_the_hierarchy_of_a_sum_does_not_depend_on_the_order_of_its_cones() -> None:
+    # Before: it followed the order given, and rays through shuffled ones took 30 times as long.
+    rng = np.random.default_rng(3)
+    start, axis = rng.uniform(0.0, 10.0, (300, 3)), rng.normal(0.0, 0.1, (300, 3))
+    foot, reach = np.zeros(300), rng.uniform(0.1, 0.2, 300)
+    order = rng.permutation(300)
+    given = b.Model(Cones(start, axis, foot, reach))
+    shuffled = b.Model(Cones(start[order], axis[order], foot[order], reach[order]))
+    np.testing.assert_array_equal(given.pool[1], shuffled.pool[1])
