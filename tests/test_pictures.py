@@ -23,6 +23,7 @@ SMALLER = {
     "sea": {"cnt": 3.0},
     "dawn": {"cnt": 2.0},
     "meadow": {"cnt": 3.0},
+    "ages": {"trees": 5.0},
 }
 """Orders at which a map is quick; the rules are the same."""
 

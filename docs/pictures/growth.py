@@ -28,7 +28,7 @@ def curves() -> None:
 
 def ages() -> None:
     out = str(HERE / "ages.png")
-    pcsg("render", str(GRAMMARS / "ages.pcsg"), "-o", out, "--size", "900x620", "--samples", "16")
+    pcsg("render", str(GRAMMARS / "ages.pcsg"), "-o", out, "--size", "640x480")
 
 
 def seasons() -> None:

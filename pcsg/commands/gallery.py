@@ -65,6 +65,7 @@ PICTURES = (
     Picture("dew", "Dew on blades of grass", 64),
     Picture("flock", "A flock of birds"),
     Picture("wind", "An autumn tree in the wind"),
+    Picture("ages", "A poplar at six ages"),
     Picture("junctions", "Junctions of implicit branches", file="blobtree/junctions.pcsg"),
     Picture("wounds", "Wounds of implicit branches", file="blobtree/wounds.pcsg"),
     Picture("bulge", "Where implicit branches bulge", file="blobtree/bulge.pcsg"),

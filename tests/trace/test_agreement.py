@@ -438,6 +438,7 @@ SMALLER = {
     "sea": {"cnt": 2.0},
     "zoom": {"c": 22.0},
     "sponge": {"n": 4.0},
+    "ages": {"trees": 2.0},
 }
 
 
