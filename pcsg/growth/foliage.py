@@ -19,8 +19,8 @@ Ints = NDArray[np.int64]
 # Blades of length 1 along x: place along, half width, of the edge on one side. The width is that of
 # a blade as wide as long.
 _OUTLINES = {
-    "deltoid": ((0.03, 0.22), (0.16, 0.46), (0.40, 0.42), (0.72, 0.17)),
-    "oval": ((0.12, 0.30), (0.35, 0.48), (0.62, 0.44), (0.85, 0.22)),
+    "deltoid": ((0.10, 0.47), (0.46, 0.37)),
+    "oval": ((0.24, 0.45), (0.66, 0.41)),
 }
 
 _FOLD = 0.35
@@ -83,15 +83,8 @@ def _blade(form: LeafForm) -> tuple[Floats, Ints]:
     ]
     base, middle, tip = 2, 3, 4
     triangles = [[0, base, 1]]
-    for first in (5, 9):
-        a, b, c, d = range(first, first + 4)
-        half_blade = [
-            [base, a, b],
-            [base, b, middle],
-            [middle, b, c],
-            [middle, c, d],
-            [middle, d, tip],
-        ]
+    for first in (5, 7):
+        half_blade = [[base, first, middle], [first, first + 1, middle], [first + 1, tip, middle]]
         triangles += half_blade if first == 5 else [[i, k, j] for i, j, k in half_blade]
     return np.concatenate(verts), np.array(triangles)
 

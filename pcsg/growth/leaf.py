@@ -84,7 +84,7 @@ class Growth(BlobSource):
         if key not in self._foliage:
             if len(self._foliage) >= STATES_KEPT:
                 self._foliage.pop(next(iter(self._foliage)))
-            self._foliage[key] = MeshModel(foliage_mesh(self.state(values)), self.name)
+            self._foliage[key] = MeshModel(foliage_mesh(self.state(values)), self.name, sheet=True)
         return self._foliage[key]
 
 

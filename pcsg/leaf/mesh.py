@@ -60,6 +60,8 @@ class MeshModel(Constant, Model):
         Vertices and polygons.
     name
         The file as the grammar names it; None for arrays.
+    sheet
+        Whether it is known to bound no volume.
 
     Attributes
     ----------
@@ -68,11 +70,11 @@ class MeshModel(Constant, Model):
         bounds a volume.
     """
 
-    def __init__(self, polygons: Polygons, name: str | None = None) -> None:
+    def __init__(self, polygons: Polygons, name: str | None = None, *, sheet: bool = False) -> None:
         self.polygons = polygons
         self.name = name
         self.triangles: Integers = polygons.triangles
-        self.closed = is_closed(self.triangles)
+        self.closed = not sheet and is_closed(self.triangles)
         used = polygons.vertices[np.unique(self.triangles)]
         if not len(used):
             raise UsageError("all polygons of the mesh are degenerate")
@@ -109,12 +111,13 @@ class MeshModel(Constant, Model):
         # Rays are rounded before they meet the boxes.
         boxes += np.repeat([-1.0, 1.0], 3) * (1e-14 * reach)
         hierarchy = build_hierarchy(boxes)
-        order = hierarchy.order
-        corners = mesh.triangle_corners[order]
+        del boxes
+        points = points[hierarchy.order]
+        corners = mesh.triangle_corners[hierarchy.order]
         uv = _of_corners(mesh.corner_uv, corners, [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         normals = None
         if mesh.corner_normals is not None:
-            flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])[order]
+            flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
             normals = _of_corners(mesh.corner_normals, corners, np.repeat(flat[:, None], 3, axis=1))
         head = np.zeros(REFS + 1, np.int32)
         head[TRIANGLES] = len(points)
@@ -128,7 +131,7 @@ class MeshModel(Constant, Model):
         numbers = [
             np.array([reach, *self.bounds.lower, *self.bounds.upper]),
             hierarchy.boxes,
-            points[order].ravel(),
+            points.ravel(),
         ]
         numbers += [a.ravel() for a in (uv, normals, colors) if a is not None]
         return Data(np.concatenate(numbers), integers=np.concatenate([head, hierarchy.refs]))
