@@ -35,6 +35,8 @@ STATES_KEPT = 8
 class Growth(BlobSource):
     """A species, whose trees are made for a time and a seed; 0 is the species' own seed."""
 
+    darkening = 0.6
+
     def __init__(self, name: str, text: str) -> None:
         super().__init__(tuple(p.name for p in _NUMBERS))
         self.name = name

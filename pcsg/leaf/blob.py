@@ -24,7 +24,7 @@ from pcsg.blobtree.native import (
     ask,
     reserve_floats,
 )
-from pcsg.blobtree.points import ATTRIBUTE_COLUMNS, LABEL, U, V
+from pcsg.blobtree.points import ATTRIBUTE_COLUMNS, BOUND, LABEL, U, V
 from pcsg.errors import UsageError
 from pcsg.jit import njit
 from pcsg.leaf.registry import (
@@ -49,9 +49,16 @@ if TYPE_CHECKING:
 
 
 class BlobModel(Model):
-    """A flattened field in the pool."""
+    """A flattened field in the pool.
 
-    def __init__(self, fields: Fields) -> None:
+    Parameters
+    ----------
+    darkening
+        By which part its colours are darker where bounds mix all of the other blend in.
+    """
+
+    def __init__(self, fields: Fields, darkening: float = 0.0) -> None:
+        self.darkening = darkening
         if not fields.primitives:
             raise UsageError("the blob has no primitives")
         self.fields = fields
@@ -60,9 +67,11 @@ class BlobModel(Model):
 
     @cached_property
     def data(self) -> Data:
-        """The address of the compiled kernels, and the arrays."""
+        """The address of the compiled kernels, the darkening, and the arrays."""
         doubles, singles, integers = self.fields.pool
-        return Data(np.concatenate([[float(address())], doubles]), singles, integers)
+        return Data(
+            np.concatenate([[float(address()), self.darkening], doubles]), singles, integers
+        )
 
 
 class BlobSource(Constant):
@@ -73,6 +82,9 @@ class BlobSource(Constant):
     parameters
         Names of the numbers that the fields depend on.
     """
+
+    darkening = 0.0
+    """Of its models."""
 
     def __init__(self, parameters: Sequence[str] = ()) -> None:
         self.parameters = tuple(parameters)
@@ -98,7 +110,7 @@ class BlobSource(Constant):
         key = tuple(values)
         found = self._models.get(key)
         if found is None:
-            found = self._models[key] = BlobModel(Fields(self.build(key)))
+            found = self._models[key] = BlobModel(Fields(self.build(key)), self.darkening)
         return found
 
 
@@ -214,7 +226,7 @@ def ask_blob(
 ) -> int:
     """Ask the model of a leaf; its first number is the address of who answers."""
     f, s, i = wide(args[at]), wide(args[at + 1]), wide(args[at + 2])
-    return ask(wide(pool[0][f]), asked, want, ray, pool, f + 1, s, i, out, n, limit)
+    return ask(wide(pool[0][f]), asked, want, ray, pool, f + 2, s, i, out, n, limit)
 
 
 @leaf
@@ -307,7 +319,9 @@ class Blob(Solid):
         for k in range(ATTRIBUTE_COLUMNS):
             if math.isnan(out[k]):
                 out[k] = -1.0
-        return out[0], out[1], out[2], out[LABEL]
+        # The share of bounds: bark is darker on ridges and scars.
+        light = 1.0 - pool[0][wide(args[at]) + 1] * out[BOUND]
+        return light * out[0], light * out[1], light * out[2], out[LABEL]
 
 
 def _source(constants: Sequence[Constant]) -> BlobSource:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import pcsg
 from pcsg.blobtree.model import Model
 from pcsg.growth.foliage import foliage_mesh
 from pcsg.growth.model import GrowthModel
+from pcsg.growth.pictures import frame_junction
 from pcsg.growth.relief import apical_amplitude, lateral_amplitude, ridge_amplitude, ridge_growth
 from pcsg.growth.state import State
 from pcsg.growth.wood import find_pieces, wood_field
@@ -149,3 +151,17 @@ def test_leaves_are_sheets_of_the_right_size(populus: GrowthModel) -> None:
     assert mesh.corner_colors[:, 1].mean() > mesh.corner_colors[:, 0].mean()
     winter = foliage_mesh(populus.at(3.1))
     assert len(winter.triangles) == 1 and np.ptp(winter.vertices) < 1e-5
+
+
+def test_bark_is_darker_on_a_ridge(populus: GrowthModel) -> None:
+    camera, birth = frame_junction(populus, born=3)
+    scene = pcsg.loads(f'tree_wood("populus", {birth + 10.0})')
+    eye, target = np.array(camera.eye), np.array(camera.target)
+    rng = np.random.default_rng(1)
+    aim = target + 0.12 * rng.normal(size=(4_000, 3))
+    hits = scene.intersect(np.tile(eye, (len(aim), 1)), aim - eye)
+    bark = populus.species.bark
+    shares = hits.color[hits.mask, 0] / min(bark.old[0], bark.young[0])
+    assert np.median(shares) > 0.97  # away from junctions
+    assert shares.min() < 0.75
+    assert shares.min() >= 0.4 - 1e-9
