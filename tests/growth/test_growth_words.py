@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 
@@ -128,3 +129,18 @@ def test_frames_and_films(run, tmp_path: Path) -> None:
         "--frames-per-year", "10", *film[:4])  # fmt: skip
     assert (tmp_path / "s0.png").exists() and (tmp_path / "s1.png").exists()
     run("grow", "frame", "populus", "--t", "40", status=2)
+
+
+def test_successive_frames_differ_little(run, tmp_path: Path) -> None:
+    from PIL import Image
+
+    run("grow", "animate", "populus", "--from", "8.4", "--to", "8.7", "--frames-per-year", "24",
+        "--size", "48x60", "--samples", "2", "-o", "f#.png", "-q")  # fmt: skip
+    frames = []
+    for path in sorted(tmp_path.glob("f*.png")):
+        with Image.open(path) as picture:
+            frames.append(np.asarray(picture.convert("RGB"), np.float64) / 255.0)
+    change = [float(np.abs(a - b).mean()) for a, b in itertools.pairwise(frames)]
+    assert len(change) == 6
+    assert 0.0 < max(change) <= 0.03
+    assert max(change) <= 4.0 * float(np.median(change)) + 0.002
