@@ -24,6 +24,7 @@ from pcsg.growth.geometry import (
 )
 from pcsg.growth.lengths import Order, grow_orders
 from pcsg.growth.organs import find_buds, find_leaves
+from pcsg.growth.pipes import leaves_carried, pipe_radii
 from pcsg.growth.species import Species, load_species
 from pcsg.growth.state import Branches, Joints, Laterals, Nodes, State, Stubs
 
@@ -121,6 +122,27 @@ class GrowthModel:
             found.append(np.minimum(1.0, self.species.radius.cap * bearer / own))
         return tuple(found)
 
+    @property
+    def has_pipes(self) -> bool:
+        """Whether radii follow from the leaves that limbs carry."""
+        return self.species.radius.rule == "pipe"
+
+    @cached_property
+    def carried(self) -> tuple[Floats, ...]:
+        """Leaves that branches have carried by the ends of years, (n, Y + 1) for every order."""
+        return leaves_carried(self.orders)
+
+    def radius_then(self, order: int, rows: Ints, year: Ints, along: Floats) -> Floats:
+        """Return radii of branches of an order at places at the ends of years.
+
+        By the pipe model a mean along the branch, as only sizes of scars depend on it.
+        """
+        length = self.orders[order].lengths[rows, year]
+        if self.has_pipes:
+            left = self.carried[order][rows, year] * (1.0 - along / length)
+            return np.asarray(self.species.radius.r_tip * np.sqrt(np.maximum(left, 1.0)))
+        return np.asarray(self.caps[order][rows, year] * thickness(self.species, length - along))
+
     def at(self, t: float) -> State:
         """Return the tree at a time in (0, ymax] years."""
         if not 0.0 < t <= self.species.ymax:
@@ -137,6 +159,8 @@ class GrowthModel:
             of_parent = np.full(len(order), -1)
             alive = len(new.rows) - new.ghosts
             of_parent[new.rows[:alive]] = np.arange(alive)
+        if self.has_pipes:
+            drawn = pipe_radii(self.species, self.orders, self.carried, now, drawn)
         return _Assembly(self, now, drawn).state()
 
 
@@ -245,9 +269,7 @@ class _Assembly:
         found = np.zeros(len(branch))
         for k in range(len(self.drawn)):
             here = np.flatnonzero(order[branch] == k)
-            row, y = rows[branch[here]], year[here]
-            rest = self.model.orders[k].lengths[row, y] - along[here]
-            found[here] = self.model.caps[k][row, y] * thickness(self.model.species, rest)
+            found[here] = self.model.radius_then(k, rows[branch[here]], year[here], along[here])
         return found
 
     def _laterals(self, branches: Branches, nodes: Nodes) -> Laterals:
@@ -296,9 +318,7 @@ class _Assembly:
             bearers = self.drawn[k - 1]
             seat = seats_of(order, rows, bearers, above)
             death = order.death[rows]
-            radius = self.model.caps[k][rows, death] * thickness(
-                self.model.species, order.lengths[rows, death]
-            )
+            radius = self.model.radius_then(k, rows, death, np.zeros(len(rows)))
             age = self.now.t - (death - 1 + self.model.species.season.shed[0])
             parts.append(
                 Stubs(

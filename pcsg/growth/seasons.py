@@ -47,9 +47,11 @@ def elongation(species: Species, tau: float, j: ArrayLike, m: ArrayLike) -> Floa
 
 
 def unfolding(species: Species, tau: float, j: ArrayLike, m: ArrayLike) -> Floats:
-    """Return how much of its size the leaf of metamer j of m has."""
-    z = (tau - metamer_start(species, j, m) - _AFTER_START) / species.season.unfold
-    return np.asarray(step(species, "g_leaf", z))
+    """Return how much of its size the leaf of metamer j of m has; all are whole at `leaf_end`."""
+    season = species.season
+    begin = metamer_start(species, j, m) + _AFTER_START
+    duration = np.minimum(season.unfold, np.maximum(season.leaf_end - begin, _AFTER_START))
+    return np.asarray(step(species, "g_leaf", (tau - begin) / duration))
 
 
 def falling(species: Species, tau: float, key: Keys, dying: ArrayLike) -> Floats:

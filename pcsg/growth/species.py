@@ -45,7 +45,7 @@ class Angles:
 class Radius:
     """How thick limbs are, by the distance from the tip; `cap` bounds it by the bearer's."""
 
-    rule: str = field(default="distance", metadata={"words": ("distance",)})
+    rule: str = field(default="distance", metadata={"words": ("distance", "pipe")})
     r_tip: float = _number(0.0015, 1e-5, 1.0, "m")
     k: float = _number(0.0085, 0.0, 10.0)
     p: float = _number(1.12, 0.1, 4.0)

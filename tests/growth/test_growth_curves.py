@@ -49,7 +49,7 @@ WRONG = {
     '{"curves": {"g_int": {"points": [[0, 0.5], [1, 1]]}}}': "does not grow from 0 to 1",
     '{"season": {"burst": 0.7}}': "shoots end before they begin",
     '{"season": {"fall": [0.9, 0.8]}}': "the earlier one first",
-    '{"radius": {"rule": "pipe"}}': "one of distance",  # it was taken, and did nothing
+    '{"radius": {"rule": "pipes"}}': "one of distance, pipe",
     '{"seed": true}': "this cannot be `seed`",
     '{"ymax": 3,}': "cannot stand here",
     '{"ymax": 3': "ends before it is complete",
