@@ -31,15 +31,24 @@ class Subjected:
         Of the axiom's parameters.
     triangles
         Returns the same as triangles, for the peers that have nothing else.
+    block_memory
+        Bytes for states that are made beforehand; None for the default.
     """
 
     text: Callable[[], str]
     values: Mapping[str, float] = field(default_factory=dict)
     triangles: Callable[[Scene], Triangles] | None = None
+    block_memory: int | None = None
 
     def load(self, threads: int = 1, engine: Engine = "auto") -> Scene:
         """Return the scene."""
-        return pcsg.loads(self.text(), parameters=self.values, threads=threads, engine=engine)
+        return pcsg.loads(
+            self.text(),
+            parameters=self.values,
+            threads=threads,
+            engine=engine,
+            block_memory=self.block_memory,
+        )
 
 
 def _file(name: str) -> Callable[[], str]:
@@ -100,6 +109,9 @@ SCENES: dict[str, Subjected] = {
         )
         for n in (3, 8, 10, 14, 20)
     },
+    "terrain 8, unrolled": Subjected(
+        _file("terrain"), {"cnt": 8.0}, meshes.terrain, block_memory=64 << 20
+    ),
     **{f"Menger {n}": Subjected(_file("menger"), {"n": float(n)}) for n in range(1, 7)},
     "sphere minus 1,000": Subjected(_bitten_ball),
     "500 & 500 boxes": Subjected(_crossed_boxes),
