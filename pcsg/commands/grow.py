@@ -109,7 +109,7 @@ def run_frame(name: str, t: float, output: Path | None, look: Look, camera: str)
     """Render a tree at a time."""
     from pcsg.commands.render import RenderArguments, run
 
-    keys = camera or _tree_camera(open_model(name, look.seed), t, look).keys
+    keys = camera or _tree_camera(name, t, look).keys
     run(
         RenderArguments(
             file=species_file(name),
@@ -140,11 +140,18 @@ def run_frame(name: str, t: float, output: Path | None, look: Look, camera: str)
     )
 
 
-def _tree_camera(model: GrowthModel, t: float, look: Look) -> Camera:
+def _tree_camera(name: str, t: float, look: Look) -> Camera:
+    from pcsg.growth.leaf import read_growth
     from pcsg.growth.pictures import frame_tree
+    from pcsg.growth.species import load_species
 
+    file = species_file(name)
+    if not file.is_file():
+        load_species(name)  # tells what there is
+    # The same object as the grammar's, so that the tree is computed once.
+    growth = read_growth(file.name, file.parent)
     width, height = parse_size(look.size)
-    return frame_tree(model.at(t), width / height)
+    return frame_tree(growth.state((t, float(look.seed or 0))), width / height)
 
 
 def _assigned(**values: Any) -> list[str]:
