@@ -12,15 +12,13 @@ import dis
 import hashlib
 import linecache
 import types
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import cache, cached_property, update_wrapper
-from pathlib import Path
 from typing import Any, TypeVar, overload
 
 import numpy as np
 
-from pcsg.machine import Entry, cache_folder, compiler
+from pcsg.machine import Entry, cache_folder, compiler, load_function
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -63,20 +61,6 @@ def fingerprint(kernel: Any) -> str:
 def is_cached(entry: Any) -> bool:
     """Return whether an entry has been compiled before, so that it will start at once."""
     return any(cache_folder(entry.fingerprint).glob("*.code"))
-
-
-@contextmanager
-def _cache_in(folder: Path) -> Iterator[None]:
-    """Let numba place caches in a folder, without changing it for the user's own functions."""
-    import numba
-
-    config: Any = numba.config
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(folder)
-    try:
-        yield
-    finally:
-        config.CACHE_DIR = before
 
 
 def _make_inner(function: Callable[..., Any], options: dict[str, Any]) -> Any:
@@ -198,17 +182,19 @@ def njit(
     return compile_lazily if function is None else compile_lazily(function)
 
 
-def cached_function(signature: Any, function: Callable[..., Any]) -> Any:
-    """Return a function compiled for C, cached on disk; ``.address`` is where it is.
+def function_address(signature: str, function: Callable[..., Any]) -> int:
+    """Return where a function is, compiled for types as numba writes them; kept on disk.
 
-    Kernels may call it through its address, so that they need not be compiled with it.
+    Kernels may call it through its address, so that they need not be compiled with it; see
+    `load_function`.
     """
-    import numba
-
-    options = {"error_model": "numpy", "_nrt": False, "fastmath": {"contract"}}
-    compile_with: Any = numba.cfunc
-    with _cache_in(cache_folder(fingerprint(function))):
-        return compile_with(signature, cache=True, **options)(function)
+    options = {
+        "error_model": "numpy",
+        "_nrt": False,
+        "fastmath": {"contract"},
+        "no_cfunc_wrapper": True,
+    }
+    return load_function(fingerprint(function), signature, function, options)
 
 
 @cache

@@ -46,7 +46,9 @@ def compiler() -> str:
     place = Path(spec.origin).parent.parent if spec and spec.origin else Path()
     release = sorted(path.name for path in place.glob("numba-*.dist-info"))
     features = llvm.get_host_cpu_features().flatten()
-    return f"{release} {sys.version} {llvm.get_host_cpu_name()} {features}"
+    # How code is called is written here.
+    convention = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    return f"{release} {sys.version} {llvm.get_host_cpu_name()} {features} {convention}"
 
 
 @cache
@@ -138,13 +140,28 @@ def _compile(kernel: Any, args: Sequence[Any]) -> Code:
         if kind == kinds.none:
             continue
         letters += {kinds.int64: "i", kinds.float64: "f"}[kinds.unliteral(kind)]
-    called = re.findall(r"declare [^@]*@\"?(?!llvm\.)([\w.]+)", compiled.library.get_llvm_str())
+    return _code(compiled.library, compiled.fndesc.llvm_func_name, letters, is_tuple)
+
+
+def _compile_function(signature: str, function: Any, options: dict[str, Any]) -> Code:
+    """Compile a function for types as numba writes them."""
+    import numba
+
+    compile_with: Any = numba.njit
+    dispatcher = compile_with(signature, **options, no_cpython_wrapper=True)(function)
+    (compiled,) = dispatcher.overloads.values()
+    return _code(compiled.library, compiled.fndesc.llvm_func_name, "", False)
+
+
+def _code(library: Any, symbol: str, result: str, is_tuple: bool) -> Code:
+    """Return what is kept of something in a library of numba."""
+    called = re.findall(r"declare [^@]*@\"?(?!llvm\.)([\w.]+)", library.get_llvm_str())
     return Code(
-        symbol=compiled.fndesc.llvm_func_name,
-        result=letters,
+        symbol=symbol,
+        result=result,
         is_tuple=is_tuple,
         needs_numba=not all(_is_known(name) for name in called),
-        content=compiled.library._get_compiled_object(),
+        content=library._get_compiled_object(),
     )
 
 
@@ -173,6 +190,28 @@ class _Linker:
 
 
 _linker = cache(_Linker)
+
+
+def load_function(fingerprint: str, signature: str, function: Any, options: dict[str, Any]) -> int:
+    """Return the address of a function, compiled or loaded.
+
+    It is called as numba does: the address of the result, one for what went wrong, the arguments.
+
+    Parameters
+    ----------
+    fingerprint
+        Of the function and all that is compiled into it.
+    signature
+        As numba writes it.
+    """
+    name = hashlib.sha256(signature.encode()).hexdigest()[:16]
+    path = cache_folder(fingerprint) / f"{name}.code"
+    with _LOCK:
+        code = _read(path)
+        if code is None:
+            code = _compile_function(signature, function, options)
+            _write(path, code)
+        return _linker().link(code)
 
 
 def flatten(value: Any, kinds: list[Any], words: list[Any]) -> None:

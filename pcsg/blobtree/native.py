@@ -32,7 +32,7 @@ from pcsg.blobtree.layout import (
 )
 from pcsg.blobtree.points import describe, gradient_at, value_at
 from pcsg.blobtree.trace import ALL, FULL, shoot
-from pcsg.jit import Intrinsic, cached_function, njit
+from pcsg.jit import Intrinsic, function_address, njit
 from pcsg.vec import Ray, Vec3
 
 Array = NDArray[np.float64]
@@ -186,24 +186,15 @@ def answer(
     return describe(m, work, p, out, n)
 
 
+_REALS = ", ".join(["float64"] * 8)
+_POOL = "CPointer(float64), CPointer(float32), CPointer(int32), int64, int64, int64"
+_SIGNATURE = f"int64(int64, int64, {_REALS}, {_POOL}, CPointer(float64), int64, int64)"
+
+
 @cache
 def address() -> int:
     """Return where `answer` is; compiled on the first call, or loaded."""
-    return int(_compiled().address)
-
-
-@cache
-def _compiled() -> Any:
-    from numba.core import types
-
-    # numba leaves them untyped.
-    integer: Any = types.int64
-    real: Any = types.float64
-    pointers = [types.CPointer(k) for k in (real, types.float32, types.int32)]
-    asked = [*[integer] * 2, *[real] * 8, *pointers, *[integer] * 3]
-    signature = integer(*asked, types.CPointer(real), *[integer] * 2)
-    # Kept: its code lives as long as it does.
-    return cached_function(signature, answer)
+    return function_address(_SIGNATURE, answer)
 
 
 def _call(
@@ -230,10 +221,15 @@ def _call(
         values += cgutils.unpack_tuple(builder, args[5], 3)
         values += [pointer(args[6], kinds[6])]
         values += [cast(args[k], kinds[k], types.int64) for k in (7, 8)]
-        shape = ir.FunctionType(ir.IntType(64), [v.type for v in values])
+        # The result, and what went wrong, which is nothing: no kernel raises.
+        number, nothing = ir.IntType(64), ir.IntType(8).as_pointer()
+        result = cgutils.alloca_once(builder, number)
+        values = [result, cgutils.alloca_once(builder, nothing), *values]
+        shape = ir.FunctionType(ir.IntType(32), [v.type for v in values])
         at_address = cast(args[0], kinds[0], types.int64)
         function = builder.inttoptr(at_address, shape.as_pointer())
-        return builder.call(function, values)
+        builder.call(function, values)
+        return builder.load(result)
 
     return signature, generate
 

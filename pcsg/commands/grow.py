@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from dataclasses import dataclass
 from importlib import resources
@@ -31,6 +32,14 @@ class Look:
     mode: str | None
     seed: int | None
     quiet: bool
+
+    @property
+    def aspect(self) -> float:
+        """Width over height."""
+        width, height = parse_size(self.size)
+        if width < 1 or height < 1:
+            raise UsageError(f"--size takes at least 1x1 pixels, not {self.size}")
+        return width / height
 
 
 def open_model(name: str, seed: int | None = None) -> GrowthModel:
@@ -105,7 +114,16 @@ def _plot_again(name: str, t: float | None, picture: Path) -> None:
     say(f"{picture}: {time.perf_counter() - begin:.1f} s; again when {Path(name).name} is saved")
 
 
-def run_frame(name: str, t: float, output: Path | None, look: Look, camera: str) -> None:
+def run_frame(
+    name: str,
+    t: float,
+    output: Path | None,
+    look: Look,
+    camera: str = "",
+    *,
+    denoise: bool = False,
+    resume: bool = False,
+) -> None:
     """Render a tree at a time."""
     from pcsg.commands.render import RenderArguments, run
 
@@ -117,25 +135,10 @@ def run_frame(name: str, t: float, output: Path | None, look: Look, camera: str)
             size=look.size,
             samples=look.samples,
             assignments=_assigned(t=t, seed=look.seed),
-            seed=None,
-            time=None,
             settings={"camera": keys, "film": f"mode={look.mode}" if look.mode else ""},
-            aov="",
-            bits=8,
-            denoise=False,
-            tile=None,
-            resume=False,
-            show_every=None,
-            threads=None,
-            include=[],
-            max_memory=None,
-            block_memory=None,
-            detail=0.5,
-            engine="auto",
-            json=False,
-            profile=False,
+            denoise=denoise,
+            resume=resume,
             quiet=look.quiet,
-            verbose=False,
         )
     )
 
@@ -150,8 +153,7 @@ def _tree_camera(name: str, t: float, look: Look) -> Camera:
         load_species(name)  # tells what there is
     # The same object as the grammar's, so that the tree is computed once.
     growth = read_growth(file.name, file.parent)
-    width, height = parse_size(look.size)
-    return frame_tree(growth.state((t, float(look.seed or 0))), width / height)
+    return frame_tree(growth.state((t, float(look.seed or 0))), look.aspect)
 
 
 def _assigned(**values: Any) -> list[str]:
@@ -187,8 +189,7 @@ def run_animate(name: str, output: Path | None, film: Film, look: Look) -> None:
 
     species = "populus" if name in FILMS else name
     model = open_model(species, look.seed)
-    width, height = parse_size(look.size)
-    camera, first, last, per_year = _script(name, model, film, width / height)
+    camera, first, last, per_year = _script(name, model, film, look.aspect)
     count = max(1, round((last - first) * per_year))
     run(
         AnimateArguments(
@@ -221,20 +222,23 @@ def _script(
     name: str, model: GrowthModel, film: Film, aspect: float
 ) -> tuple[Camera, float, float, float]:
     """Return camera, first and last time, and frames in a year."""
-    from pcsg.growth.pictures import frame_junction, frame_tree, shoot_camera
+    from pcsg.growth.pictures import frame_junction, frame_tree
 
     ymax = float(model.species.ymax)
-    if name == "shoot":
-        camera, first, last, per_year = shoot_camera(model, aspect), 0.2, 1.0, 150.0
-    elif name == "bbridge":
+    if name == "bbridge":
         camera, birth = frame_junction(model)
         first, last, per_year = birth + 0.4, birth + 10.0, 12.5
     else:
-        camera, first, last, per_year = frame_tree(model.at(ymax - 0.4), aspect), 0.0, ymax, 24.0
+        camera = None
+        first, last, per_year = (0.2, 1.0, 150.0) if name == "shoot" else (0.0, ymax, 24.0)
     first = film.first if film.first is not None else first
     last = film.last if film.last is not None else last
     if not 0.0 <= first < last <= ymax:
         raise UsageError(f"times go from 0 to {ymax:g} years, the first before the last")
+    if camera is None:
+        # The tree at the end fits, with the leaves of its last summer.
+        summer = math.floor(last) - 1.0 + model.species.season.leaf_end
+        camera = frame_tree(model.at(summer if first < summer else last), aspect)
     return camera, first, last, film.per_year or per_year
 
 

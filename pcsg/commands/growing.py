@@ -26,7 +26,7 @@ Species = Annotated[
 ]
 Out = Annotated[Path | None, typer.Option("-o", "--output", metavar="OUT", show_default=False)]
 At = Annotated[float | None, typer.Option("--t", metavar="YEARS", help="Time.")]
-Seed = Annotated[int | None, typer.Option("--seed", help="Another tree of the kind.")]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Another tree of the kind.")]
 Size = Annotated[str, typer.Option("--size", metavar="WxH", help="In pixels.")]
 Samples = Annotated[int, typer.Option("--samples", help="Most samples per pixel.")]
 Mode = Annotated[str | None, typer.Option("--mode", help="preview, direct or path.")]
@@ -80,12 +80,15 @@ def frame(
     mode: Mode = None,
     seed: Seed = None,
     camera: Annotated[str, typer.Option(metavar="KEYS", help="As for render.")] = "",
+    denoise: Annotated[bool, typer.Option("--denoise", help="As for render.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a stopped run.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Make a picture of a tree at a time."""
     from pcsg.commands.grow import Look, run_frame
 
-    run_frame(species, t, output, Look(size, samples, mode, seed, quiet), camera)
+    look = Look(size, samples, mode, seed, quiet)
+    run_frame(species, t, output, look, camera, denoise=denoise, resume=resume)
 
 
 @app.command()

@@ -6,7 +6,7 @@ import json
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,26 +36,26 @@ class RenderArguments:
     output: Path | None
     size: str
     samples: int
-    assignments: Sequence[str]
-    seed: int | None
-    time: float | None
-    settings: Mapping[str, str]
-    aov: str
-    bits: int
-    denoise: bool
-    tile: str | None
-    resume: bool
-    show_every: float | None
-    threads: int | None
-    include: Sequence[Path]
-    max_memory: str | None
-    block_memory: str | None
-    detail: float
-    engine: str
-    json: bool
-    profile: bool
-    quiet: bool
-    verbose: bool
+    assignments: Sequence[str] = ()
+    seed: int | None = None
+    time: float | None = None
+    settings: Mapping[str, str] = field(default_factory=dict)
+    aov: str = ""
+    bits: int = 8
+    denoise: bool = False
+    tile: str | None = None
+    resume: bool = False
+    show_every: float | None = None
+    threads: int | None = None
+    include: Sequence[Path] = ()
+    max_memory: str | None = None
+    block_memory: str | None = None
+    detail: float = 0.5
+    engine: str = "auto"
+    json: bool = False
+    profile: bool = False
+    quiet: bool = False
+    verbose: bool = False
 
 
 def run(arguments: RenderArguments) -> None:

@@ -14,7 +14,7 @@ from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, Source, SourceSpan
 from pcsg.grammar.macros import Expander, Macro, line_end, take_define, usable_macros
 from pcsg.grammar.tokens import Token, join, tokenize
-from pcsg.growth.leaf import is_species
+from pcsg.growth.leaf import is_species, species_mistakes
 from pcsg.skeletonfile import SKELETON_ENDINGS
 
 MAX_BYTES = 16 * 2**20
@@ -78,9 +78,15 @@ def model_grammar(suffix: str, text: str) -> str | None:
 def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
     """Read a file and what it includes."""
     source, problems = _read(path, str(path))
-    form = None if source is None else model_grammar(path.suffix, source.text)
-    if source is not None and form is not None:
-        source = Source(str(path), form.replace("NAME", path.name), str(path.parent))
+    if source is not None:
+        form = model_grammar(path.suffix, source.text)
+        if form == GROWING:
+            problems += species_mistakes(source.text, source.name)
+        if form is not None:
+            text = form.replace("NAME", path.name)
+            # What is shown of it is not what stands in the file.
+            name = f"{path} (as a grammar)"
+            source = None if problems else Source(name, text, str(path.parent))
     if source is None:
         return Preprocessed(None, [], problems)
     return _preprocess(source, path.resolve(), path.parent, include, problems)

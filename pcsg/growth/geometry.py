@@ -49,8 +49,8 @@ class Drawn:
         h0 and the axis of bending.
     first, count : (n,)
         Their nodes.
-    shoot_branch, shoot_year, shoot_m : (s,)
-        Local branch, year, and metamers of shoots.
+    shoot_m : (s,)
+        Metamers of shoots, also those that do not grow yet.
     position, direction : (k, 3)
         Of nodes.
     along, branch, year, metamer, of_shoot, radius : (k,)
@@ -66,8 +66,6 @@ class Drawn:
     axis: Floats
     first: Ints
     count: Ints
-    shoot_branch: Ints
-    shoot_year: Ints
     shoot_m: Ints
     position: Floats
     direction: Floats
@@ -295,8 +293,6 @@ def _draw_shoots(
         axis=axis,
         first=first,
         count=nodes + 1,
-        shoot_branch=branch,
-        shoot_year=year,
         shoot_m=m,
         position=with_bases(foot, position),
         direction=with_bases(direction[first_shoot], direction[shoot]),

@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pcsg.errors import GrammarError, UsageError
+from pcsg.errors import Diagnostic, GrammarError, UsageError
 from pcsg.graph.build import LeafConstructor
 from pcsg.leaf.blob import Blob, BlobModel, BlobSource
 from pcsg.leaf.mesh import Mesh, MeshModel
@@ -95,6 +95,17 @@ def is_species(text: str) -> bool:
     return '"curves"' in text or '"species"' in text
 
 
+def species_mistakes(text: str, name: str) -> list[Diagnostic]:
+    """Return what is wrong with the text of a species' file."""
+    from pcsg.growth.species import read_species
+
+    try:
+        read_species(text, name)
+    except GrammarError as error:
+        return list(error.diagnostics)
+    return []
+
+
 _READ: dict[tuple[str, str], Growth] = {}
 
 
@@ -106,15 +117,17 @@ def read_growth(text: str, folder: Path) -> Growth:
     UsageError
         What is wrong with the file.
     """
-    from pcsg.growth.species import read_species, shipped, species_text
+    from pcsg.growth.species import shipped, species_text
 
     name, content = species_text(text if text in shipped() else folder / text)
     key = text, content
     if key not in _READ:
-        try:
-            read_species(content, name)
-        except GrammarError as e:
-            raise UsageError(str(e)) from None
+        mistakes = species_mistakes(content, name)
+        if mistakes:
+            first, *more = mistakes
+            told = f"{first.span}: {first.message}" if first.span else first.message
+            rest = f", and {len(more)} more: `pcsg check {text}` tells all" if more else ""
+            raise UsageError(told + rest)
         _READ[key] = Growth(text, content)
     return _READ[key]
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from pcsg.errors import UsageError
 from pcsg.growth.chance import derive
 from pcsg.growth.geometry import (
-    SCAR_YEARS,
     Drawn,
     Instant,
     draw_order,
@@ -342,6 +341,3 @@ class _Assembly:
 
 def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
     return np.concatenate(parts)
-
-
-__all__ = ["SCAR_YEARS", "Counts", "GrowthModel"]

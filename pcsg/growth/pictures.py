@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -80,9 +79,3 @@ def frame_junction(model: GrowthModel, born: int = 2, years: float = 10.0) -> tu
     target = place + 1.6 * r_p * (c - d * float(d @ c)) + 0.6 * r_p * d
     eye = target + look * (4.6 * r_p / math.tan(math.radians(0.5 * 30.0)))
     return Camera(tuple(eye.tolist()), tuple(target.tolist()), 30.0), birth
-
-
-@cache
-def shoot_camera(model: GrowthModel, aspect: float) -> Camera:
-    """Return a camera close to the first shoot of a tree, as high as it is after a year."""
-    return frame_tree(model.at(1.0), aspect, 1.25)

@@ -238,9 +238,10 @@ def read_species(text: str, name: str = "<text>") -> Species:
         Mistakes, all at once.
     """
     reader = _Reader()
-    found: Species = reader.read(Species, read_json(text, name))
+    data = read_json(text, name)
+    found: Species = reader.read(Species, data)
     if not reader.problems:
-        reader.check(found, read_json(text, name))
+        reader.check(found, data)
     if reader.problems:
         raise GrammarError(reader.problems)
     return found

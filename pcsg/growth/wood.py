@@ -9,6 +9,7 @@ need be joined to others while a tree grows.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,6 +21,7 @@ from pcsg.blobtree.fields import REACH
 from pcsg.blobtree.frames import carried_turns
 from pcsg.blobtree.nodes import Cones, Field, joint, paint, place, point, total, weight
 from pcsg.growth.curves import smooth_step
+from pcsg.growth.geometry import SCAR_YEARS, STUB_YEARS
 from pcsg.growth.relief import Relief, find_relief
 from pcsg.growth.state import State
 
@@ -37,6 +39,9 @@ from which it widens."""
 
 BARK_RADII, BARK_SHADES = (0.004, 0.04), 8
 """Radii, in metres, between which bark goes from a twig's to a trunk's; in how many steps."""
+
+BUD_RADII, BUD_LENGTH, BUD_SHADE = (0.22, 0.05), 0.8, 0.7
+"""Of a bud, in its length: radii of foot and tip, length of its axis; how light beside bark."""
 
 THINNEST = 2e-4
 """Of limbs, in metres: what is thinner has no field."""
@@ -68,6 +73,11 @@ class Pieces:
 
     def __len__(self) -> int:
         return len(self.branch)
+
+    @cached_property
+    def begin(self) -> Ints:
+        """Where the pieces of every branch begin, and the end of the last one's."""
+        return np.searchsorted(self.branch, np.arange(int(self.branch.max(initial=-1)) + 2))
 
     @cached_property
     def turns(self) -> Floats:
@@ -177,30 +187,42 @@ def wood_field(state: State, finest: float = 0.004) -> Field:
         smaller than a millimetre.
     """
     pieces = find_pieces(state)
-    first = np.flatnonzero(np.diff(pieces.branch, prepend=-1))
-    last = np.append(first[1:], len(pieces))
-    parts: list[Field] = _branches(state, pieces, first, last)
-    relief = find_relief(state, finest)
-    parts += _scars(state)
+    parts = [*_branches(state, pieces), *_buds(state), *_scars(state)]
     base = total(*parts) if len(parts) > 1 else parts[0]
-    junctions = [_junction(pieces, first, last, r) for r in relief]
-    known = [(j, r.united) for j, r in zip(junctions, relief, strict=True) if j is not None]
+    known = [
+        (junction, relief.united)
+        for relief in find_relief(state, finest)
+        if (junction := _junction(pieces, relief)) is not None
+    ]
     if known:
         base = joint(base, *(j for j, _ in known), united=[u for _, u in known])
     return paint(base, **_rgb(state.species.bark.old))
 
 
-def _branches(state: State, p: Pieces, first: Ints, last: Ints) -> list[Field]:
+def _branches(state: State, p: Pieces) -> list[Field]:
     """Return the sums of all branches of a colour: thin ones have the bark of twigs."""
     young, old = np.array(state.species.bark.young), np.array(state.species.bark.old)
+    branch = np.unique(p.branch)
+    first, last = p.begin[branch], p.begin[branch + 1]
     thick = np.log(p.base[first] / BARK_RADII[0]) / np.log(BARK_RADII[1] / BARK_RADII[0])
     shade = np.rint(BARK_SHADES * smooth_step(thick)).astype(np.int64)
     parts: list[Field] = []
     for k in np.unique(shade).tolist():
         rows = np.flatnonzero(shade == k)
         colour = young + k / BARK_SHADES * (old - young)
-        parts.append(paint(_groups(p, first[rows], last[rows]), **_rgb(tuple(colour.tolist()))))
+        parts.append(paint(_groups(p, first[rows], last[rows]), **_rgb(colour.tolist())))
     return parts
+
+
+def _buds(state: State) -> list[Field]:
+    """Return buds: short cones, longer than thick, blended with what bears them."""
+    buds = state.buds
+    if not len(buds.size):
+        return []
+    base, top = BUD_RADII[0] * buds.size, BUD_RADII[1] * buds.size
+    axis = BUD_LENGTH * buds.size[:, None] * buds.axis
+    colour = BUD_SHADE * np.array(state.species.bark.young)
+    return [paint(Cones(buds.position, axis, base - top, REACH * top), **_rgb(colour.tolist()))]
 
 
 def _groups(p: Pieces, first: Ints, last: Ints) -> Cones:
@@ -212,16 +234,13 @@ def _groups(p: Pieces, first: Ints, last: Ints) -> Cones:
     return replace(p.cones(rows), groups=groups)
 
 
-def _junction(
-    p: Pieces, first: Ints, last: Ints, relief: Relief
-) -> tuple[Field, Field, Field] | None:
+def _junction(p: Pieces, relief: Relief) -> tuple[Field, Field, Field] | None:
     """Return a bound with the pieces of its two partners that it may reach, None without any."""
     sides = []
     for branch, low, high in relief.partners:
-        k = int(np.searchsorted(p.branch[first], branch))
-        if k >= len(first) or p.branch[first[k]] != branch:
-            return None
-        rows = np.arange(first[k], last[k])
+        if branch + 1 >= len(p.begin):
+            return None  # no piece of it comes out of its bearer
+        rows = np.arange(p.begin[branch], p.begin[branch + 1])
         near = (p.along[rows] < high) & (p.along[rows] + p.length[rows] > low)
         if not near.any():
             return None
@@ -238,7 +257,7 @@ def _scars(state: State) -> list[Field]:
         if r_p < 0.003 or r < 0.0015:
             continue
         axis = s.axis[k]
-        left = 1.0 - float(smooth_step(age / 3.0))
+        left = 1.0 - float(smooth_step(age / STUB_YEARS))
         cos = float(s.bearer[k] @ axis)
         bark = r_p / max(np.sqrt(max(1.0 - cos * cos, 0.0)), 0.3)
         if left > 0.02:
@@ -253,7 +272,7 @@ def _scars(state: State) -> list[Field]:
                     np.array([REACH * radius * max(left, 0.1)]),
                 )
             )
-        dig = 0.4 * (1.0 - float(smooth_step(age / 10.0))) * float(smooth_step(age / 3.0))
+        dig = 0.4 * (1.0 - float(smooth_step(age / SCAR_YEARS))) * (1.0 - left)
         if dig > 0.01:
             at = s.position[k] + axis * bark
             frame = np.concatenate([np.eye(3), at[:, None]], axis=1)
@@ -261,5 +280,5 @@ def _scars(state: State) -> list[Field]:
     return parts
 
 
-def _rgb(colour: tuple[float, ...]) -> dict[str, float]:
+def _rgb(colour: Sequence[float]) -> dict[str, float]:
     return dict(zip(("@red", "@green", "@blue"), colour, strict=True))

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from pcsg.errors import EnvironmentFault
 
+BAND = 64
+"""Rows of a picture that are worked on at a time, to save memory."""
+
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -46,12 +49,16 @@ def _filtered(raw: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
     step
         Bytes from a pixel to the next.
     """
-    before = np.zeros_like(raw)
-    before[:, step:] = raw[:, :-step]
-    above = np.zeros_like(raw)
-    above[1:] = raw[:-1]
-    corner = np.zeros_like(raw)
-    corner[1:] = before[:-1]
+    padded = np.pad(raw, ((1, 0), (0, 0)))
+    bands = range(0, len(raw), BAND)
+    return np.concatenate([_filter_band(padded[k : k + BAND + 1], step) for k in bands])
+
+
+def _filter_band(padded: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
+    """Return the rows of a band but the first, which is only the one above, filtered."""
+    raw, above = padded[1:], padded[:-1]
+    before, corner = np.zeros_like(raw), np.zeros_like(raw)
+    before[:, step:], corner[:, step:] = raw[:, :-step], above[:, :-step]
     a, b, c = (values.astype(np.int16) for values in (before, above, corner))
     to_a, to_b, to_c = np.abs(b - c), np.abs(a - c), np.abs(a + b - 2 * c)
     nearest = np.where((to_a <= to_b) & (to_a <= to_c), a, np.where(to_b <= to_c, b, c))

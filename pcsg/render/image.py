@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pcsg.errors import UsageError
 from pcsg.outputs import check_output, write_by_name, write_whole
-from pcsg.render.formats import load_openexr, write_exr, write_png
+from pcsg.render.formats import BAND, load_openexr, write_exr, write_png
 from pcsg.render.view import View
 
 AOVS = ("depth", "normal", "albedo", "label", "leaf")
@@ -67,7 +67,9 @@ class Image:
         """Return the pixels in whole numbers of 8 or 16 bits."""
         top = np.float32((1 << bits) - 1)
         kind = np.dtype(f"uint{bits}")
-        shown = np.asarray(self.view.encode(self.rgb) * top + np.float32(0.5)).astype(kind)
+        shown = np.empty(self.rgb.shape, kind)
+        for k in range(0, len(shown), BAND):
+            shown[k : k + BAND] = self.view.encode(self.rgb[k : k + BAND]) * top + np.float32(0.5)
         if self.finished.all():
             return shown
         opacity = np.where(self.finished, top, np.float32(0)).astype(kind)

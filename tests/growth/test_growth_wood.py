@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -165,3 +167,18 @@ def test_bark_is_darker_on_a_ridge(populus: GrowthModel) -> None:
     assert np.median(shares) > 0.97  # away from junctions
     assert shares.min() < 0.75
     assert shares.min() >= 0.4 - 1e-9
+
+
+def test_buds_stand_on_winter_twigs(populus: GrowthModel) -> None:
+    state = populus.at(3.95)
+    model = Model(wood_field(state))
+    buds = state.buds
+    assert len(buds.size) > 50
+    tip = buds.position + 0.7 * buds.size[:, None] * buds.axis
+    assert (np.asarray(model.field(tip)) >= 0.5).mean() > 0.99
+    beyond = buds.position + 1.3 * buds.size[:, None] * buds.axis
+    assert (np.asarray(model.field(beyond)) < 0.5).mean() > 0.9
+    without = Model(
+        wood_field(replace(state, buds=type(buds)(*(x[:0] for x in vars(buds).values()))))
+    )
+    assert model.primitives == without.primitives + len(buds.size)

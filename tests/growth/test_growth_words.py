@@ -12,7 +12,9 @@ from typer.testing import CliRunner
 
 import pcsg
 from pcsg.cli import app
+from pcsg.commands.grow import Film, _script
 from pcsg.errors import GrammarError, UsageError
+from pcsg.growth.model import GrowthModel
 from pcsg.growth.species import Species
 
 
@@ -59,9 +61,22 @@ def test_a_file_beside_the_grammar(tmp_path: Path) -> None:
     (tmp_path / "mine.json").write_text(Species(ymax=5, seed=4).to_json())
     (tmp_path / "a.pcsg").write_text('tree("mine.json", 4.7)')
     assert look_at(pcsg.load(tmp_path / "a.pcsg")).mask.any()
-    (tmp_path / "mine.json").write_text('{"ymax": "five"}')
-    with pytest.raises(GrammarError, match="this cannot be `ymax`"):
+    (tmp_path / "mine.json").write_text('{"ymax": "five", "species": 3}')
+    with pytest.raises(GrammarError, match="this cannot be `ymax`, and 1 more") as caught:
         pcsg.load(tmp_path / "a.pcsg")
+    assert len(caught.value.diagnostics) == 1  # one line about the other file, not its excerpts
+    assert "\n" not in caught.value.diagnostics[0].message
+
+
+def test_a_species_is_shown_as_a_grammar_and_its_mistakes_in_itself(tmp_path: Path) -> None:
+    file = tmp_path / "mine.json"
+    file.write_text(Species(ymax=4).to_json())
+    assert look_at(pcsg.load(file, t=3.7)).mask.any()
+    file.write_text('{"species": "x",\n "ymax": 0, "zeta": 1}')
+    with pytest.raises(GrammarError) as caught:
+        pcsg.load(file)
+    places = [str(d.span) for d in caught.value.diagnostics]
+    assert places == [f"{file}:2:10", f"{file}:2:13"]
 
 
 def test_mistakes_are_told() -> None:
@@ -129,6 +144,31 @@ def test_frames_and_films(run, tmp_path: Path) -> None:
         "--frames-per-year", "10", *film[:4])  # fmt: skip
     assert (tmp_path / "s0.png").exists() and (tmp_path / "s1.png").exists()
     run("grow", "frame", "populus", "--t", "40", status=2)
+    for size in ("0x5", "5x0", "5"):
+        assert (
+            "--size" in run("grow", "frame", "populus", "--t", "2", "--size", size, status=2).output
+        )
+        run("grow", "animate", "shoot", "--size", size, status=2)
+    run("grow", "frame", "populus", "--t", "2", "--seed", "-3", status=2)
+
+
+def test_films_fit_the_tree_at_their_end() -> None:
+    model = GrowthModel.load("populus")
+    whole, young = (
+        _script("populus", model, Film(None, last, None, 24.0, 0.0, None, False), 1.0)[0]
+        for last in (None, 6.0)
+    )
+    distance = [float(np.hypot(*camera.eye[:2])) for camera in (whole, young)]
+    assert distance[1] < 0.4 * distance[0]
+
+
+def test_a_stopped_frame_goes_on_as_its_message_says(run, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = []
+    monkeypatch.setattr("pcsg.commands.render.run", given.append)
+    run("grow", "frame", "populus", "--t", "2.5", "-o", "a.png", "--resume", "--denoise")
+    (arguments,) = given
+    assert arguments.resume and arguments.denoise
+    assert arguments.assignments == ["t=2.5"]
 
 
 def test_successive_frames_differ_little(run, tmp_path: Path) -> None:
