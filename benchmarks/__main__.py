@@ -32,6 +32,8 @@ SUBJECTS: tuple[Subject, ...] = (
     pictures.STARTUP,
     blobs.BLOBS,
     growth.INSTANTS,
+    growth.SHAPES,
+    growth.AREAS,
     wood.WOOD,
     wood.GRIDS,
     wood.FRAMES,

@@ -9,6 +9,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from benchmarks.meshes import Triangles
 from benchmarks.views import View
 from pcsg.graph.operators import DIFFERENCE, INTERSECTION
 from pcsg.graph.states import Combine, LeafItem, StateGraph
@@ -70,14 +71,24 @@ def _matrix(m: Affine) -> str:
     return f"matrix <{','.join(f'{x:.17g}' for x in columns)}>"
 
 
-def write_scene(scene: Scene, view: View) -> str:
-    """Return a scene file with one light that casts shadows."""
+def write_mesh(triangles: Triangles) -> str:
+    """Return the declaration of triangles as the axiom's state."""
+    corners = ", ".join(f"<{x!r},{y!r},{z!r}>" for x, y, z in triangles.corners.tolist())
+    faces = ", ".join(f"<{a},{b},{c}>" for a, b, c in triangles.faces.tolist())
+    vertices = f"vertex_vectors {{ {len(triangles.corners)}, {corners} }}"
+    indices = f"face_indices {{ {len(triangles.faces)}, {faces} }}"
+    return f"#declare S0 = mesh2 {{ {vertices} {indices} }}"
+
+
+def write_scene(scene: Scene, view: View, triangles: Triangles | None = None) -> str:
+    """Return a scene file with one light that casts shadows; of triangles, if there are any."""
+    declared = write_states(scene.states) if triangles is None else write_mesh(triangles)
     eye, target = (",".join(f"{x:.9g}" for x in p) for p in (view.eye, view.target))
     return f"""#version 3.7;
 global_settings {{ assumed_gamma 1 max_trace_level 5 }}
 camera {{ location <{eye}> up y right -x sky z angle {view.fov} look_at <{target}> }}
 light_source {{ <4e3,-6e3,7e3> color rgb 2 parallel point_at 0 }}
-{write_states(scene.states)}
+{declared}
 object {{ S0 pigment {{ color rgb 0.7 }} }}
 """
 
