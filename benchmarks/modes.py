@@ -11,7 +11,8 @@ import numpy as np
 import pcsg
 from benchmarks.report import Effort, Row, Subject
 from pcsg.graph.shining import CENTER, COLUMNS, POWER, RADIUS
-from pcsg.render.bsdf import Matter, albedo_tables, scatter_batch
+from pcsg.render.albedo import albedo_tables
+from pcsg.render.bsdf import Matter, scatter_batch
 from pcsg.render.emitters import Emitters
 from pcsg.render.job import Job
 from pcsg.render.options import Options

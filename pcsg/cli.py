@@ -12,8 +12,21 @@ from typing import Annotated
 import typer
 
 import pcsg
+from pcsg.commands.arguments import (
+    Assignments,
+    BlockMemory,
+    EngineName,
+    File,
+    Include,
+    Json,
+    MaxMemory,
+    Quiet,
+    Seed,
+    Time,
+)
 from pcsg.commands.growing import app as grow
 from pcsg.commands.guard import guard
+from pcsg.commands.limbs import app as limbs
 
 app = typer.Typer(
     name="pcsg",
@@ -26,32 +39,7 @@ app = typer.Typer(
 )
 
 app.add_typer(grow)
-
-File = Annotated[
-    Path, typer.Argument(metavar="FILE", help="A grammar (.pcsg).", show_default=False)
-]
-Include = Annotated[
-    list[Path],
-    typer.Option("--include", metavar="DIR", help="Further folder that #include may read."),
-]
-Assignments = Annotated[
-    list[str],
-    typer.Option("-D", "--set", metavar="NAME=VALUE", help="Value of a parameter of the axiom."),
-]
-Seed = Annotated[int | None, typer.Option("--seed", help="Of sampling, and the grammar's SEED.")]
-Time = Annotated[float | None, typer.Option("--time", help="The grammar's TIME.")]
-MaxMemory = Annotated[
-    str | None,
-    typer.Option("--max-memory", metavar="SIZE", help="Such as 4G; default half of the machine."),
-]
-BlockMemory = Annotated[
-    str | None,
-    typer.Option("--block-memory", metavar="SIZE", help="For states made beforehand; 16M."),
-]
-EngineName = Annotated[
-    str, typer.Option("--engine", metavar="NAME", help="auto, cyclic or states.")
-]
-Json = Annotated[bool, typer.Option("--json", help="Say it in JSON on standard output.")]
+app.add_typer(limbs)  # without a name: its verbs are verbs
 
 
 def _show_version(wanted: bool) -> None:
@@ -135,7 +123,7 @@ def render(
     profile: Annotated[
         bool, typer.Option("--profile", help="Say what a ray visits on average.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False,
+    quiet: Quiet = False,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say more.")] = False,
 ) -> None:
     """Make a picture of a grammar."""
@@ -266,7 +254,7 @@ def animate(
     include: Include = [],  # noqa: B006 - typer copies defaults
     max_memory: MaxMemory = None,
     engine: EngineName = "auto",
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Make a moving picture of a grammar."""
     from pcsg.commands.animate import AnimateArguments, run
@@ -334,206 +322,6 @@ def warmup(json: Json = False) -> None:
     from pcsg.commands.warmup import run
 
     run(json)
-
-
-Tree = Annotated[
-    Path,
-    typer.Argument(
-        metavar="IN",
-        help="A mesh (.obj .ply .stl .glb), a skeleton (.json .swc), a grammar (.pcsg), or a "
-        "growing tree (.json, populus).",
-        show_default=False,
-    ),
-]
-LargestOnly = Annotated[
-    bool, typer.Option("--largest-only", help="Take the largest part of a mesh, join none.")
-]
-Reach = Annotated[
-    float | None,
-    typer.Option(metavar="LENGTH", help="Widest gap between parts that is bridged."),
-]
-Resample = Annotated[
-    bool, typer.Option("--resample/--no-resample", help="Remove nodes where limbs are straight.")
-]
-Angle = Annotated[
-    float, typer.Option("--eps", metavar="DEGREES", help="Turning angle that counts as straight.")
-]
-Spacing = Annotated[
-    float, typer.Option("--spacing", metavar="RADII", help="Nodes closer than this may go.")
-]
-MinRadius = Annotated[float, typer.Option(help="Leave out thinner twigs and what they bear.")]
-MaxOrder = Annotated[
-    int | None, typer.Option(help="Leave out branches of higher order; the trunk has 0.")
-]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
-
-
-@app.command()
-@guard
-def mesh(
-    file: Tree,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="OUT", help="Mesh (.obj .ply .glb .usda .usd)."),
-    ] = None,
-    method: Annotated[
-        str, typer.Option(help="quads about a tree's limbs, or contour: triangles of any solid.")
-    ] = "quads",
-    resolution: Annotated[
-        int, typer.Option(metavar="CELLS", help="Of a contour, along the longest side.")
-    ] = 64,
-    report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Measures of the mesh (.json).")
-    ] = None,
-    levels: Annotated[int, typer.Option(help="Steps of subdivision: 4 times the quads each.")] = 2,
-    kernel: Annotated[str, typer.Option(help="cauchy or quartic.")] = "cauchy",
-    max_aspect: Annotated[
-        float, typer.Option(help="Longest distance of squares in radii; 0 for the fewest quads.")
-    ] = 4.0,
-    locality: Annotated[str, typer.Option(help="graph, or all: near branches blend.")] = "graph",
-    offsets: Annotated[
-        bool, typer.Option("--offsets", help="Bring the surface back to the mesh it came from.")
-    ] = False,
-    foot: Annotated[
-        bool, typer.Option("--foot", help="Let the trunk begin one radius below its root.")
-    ] = False,
-    largest_only: LargestOnly = False,
-    reach: Reach = None,
-    resample: Resample = True,
-    eps: Angle = 8.0,
-    spacing: Spacing = 1.5,
-    min_radius: MinRadius = 0.0,
-    max_order: MaxOrder = None,
-    assignments: Assignments = [],  # noqa: B006 - typer copies defaults
-    seed: Seed = None,
-    time: Time = None,
-    include: Include = [],  # noqa: B006 - typer copies defaults
-    max_memory: MaxMemory = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Make one closed mesh of quads of a tree."""
-    from pcsg.commands.mesh import Input, Output, run_mesh
-
-    run_mesh(
-        Input(
-            file=file,
-            assignments=assignments,
-            seed=seed,
-            time=time,
-            include=include,
-            max_memory=max_memory,
-            largest_only=largest_only,
-            reach=reach,
-            resample=resample,
-            eps_deg=eps,
-            spacing=spacing,
-            min_radius=min_radius,
-            max_order=max_order,
-        ),
-        Output(
-            file=output,
-            report=report,
-            levels=levels,
-            kernel=kernel,
-            max_aspect=max_aspect,
-            locality=locality,
-            offsets=offsets,
-            foot=foot,
-            quiet=quiet,
-            json=json,
-            method=method,
-            resolution=resolution,
-        ),
-    )
-
-
-@app.command()
-@guard
-def skeleton(
-    file: Tree,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="OUT", help="Skeleton (.json .swc).")
-    ] = None,
-    largest_only: LargestOnly = False,
-    reach: Reach = None,
-    resample: Resample = True,
-    eps: Angle = 8.0,
-    spacing: Spacing = 1.5,
-    min_radius: MinRadius = 0.0,
-    max_order: MaxOrder = None,
-    assignments: Assignments = [],  # noqa: B006 - typer copies defaults
-    seed: Seed = None,
-    time: Time = None,
-    include: Include = [],  # noqa: B006 - typer copies defaults
-    max_memory: MaxMemory = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Find the line skeleton of a tree."""
-    from pcsg.commands.mesh import Input, run_skeleton
-
-    given = Input(
-        file=file,
-        assignments=assignments,
-        seed=seed,
-        time=time,
-        include=include,
-        max_memory=max_memory,
-        largest_only=largest_only,
-        reach=reach,
-        resample=resample,
-        eps_deg=eps,
-        spacing=spacing,
-        min_radius=min_radius,
-        max_order=max_order,
-    )
-    run_skeleton(given, output, quiet, json)
-
-
-@app.command()
-@guard
-def compose(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="TEMPLATE",
-            help="A tree: a skeleton, a mesh or a grammar.",
-            show_default=False,
-        ),
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="OUT", help="Skeletons (.json .swc) or meshes, numbered."
-        ),
-    ] = None,
-    sources: Annotated[
-        list[Path], typer.Option("--with", metavar="FILE", help="A tree that gives subtrees too.")
-    ] = [],  # noqa: B006 - typer copies defaults
-    count: Annotated[int, typer.Option("-n", help="How many trees.")] = 1,
-    seed: Annotated[int, typer.Option(help="Of the first tree; the others count on.")] = 0,
-    depth: Annotated[int, typer.Option(help="Replacements within replacements.")] = 2,
-    replace: Annotated[float, typer.Option(help="Probability that a branch is replaced.")] = 0.7,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Compose new trees of the branches of others."""
-    from pcsg.commands.compose import ComposeArguments, run
-
-    run(
-        ComposeArguments(
-            file=file,
-            sources=sources,
-            output=output,
-            count=count,
-            seed=seed,
-            depth=depth,
-            p_replace=replace,
-            quiet=quiet,
-            json=json,
-        )
-    )
 
 
 def main() -> None:

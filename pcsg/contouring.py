@@ -59,10 +59,6 @@ def contour(solid: Solid, resolution: int = 64) -> tuple[Floats, NDArray[np.int6
     low, high = solid.bounds
     if not (np.isfinite(solid.bounds).all() and (low <= high).all()):
         raise UsageError("a scene without bounds cannot be contoured")
-    cell = float((high - low).max()) / resolution
-    # Uneven, so that faces of the scene do not lie in the grid's planes.
-    low = low - np.array([1.37, 1.43, 1.31]) * cell
-    shape = np.ceil((high - low) / cell).astype(np.int64) + 3
 
     def columns(o: Floats, d: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
         found = solid.spans(o, d)
@@ -71,7 +67,7 @@ def contour(solid: Solid, resolution: int = 64) -> tuple[Floats, NDArray[np.int6
     def first(o: Floats, d: Floats) -> Floats:
         return solid.intersect(o, d, 0.0, 1.0).t
 
-    vertices, faces = march(low, cell, shape, columns, first)
+    vertices, faces = march(low, high, resolution, columns, first)
     if not len(faces):
         raise UsageError(f"nothing is as thick as a cell at a resolution of {resolution}")
     return vertices, faces

@@ -32,16 +32,22 @@ First = Callable[[Floats, Floats], Floats]
 
 
 def march(
-    low: Floats, cell: float, shape: Ints, columns: Columns, first: First
+    low: Floats, high: Floats, resolution: int, columns: Columns, first: First
 ) -> tuple[Floats, Ints]:
     """Return a closed mesh of what a grid sees of a solid, empty if it sees nothing.
 
     Parameters
     ----------
-    low, cell, shape
-        The grid: its first point, the distance of points, their numbers. Nothing may be inside on
-        its hull.
+    low, high
+        Corners of the box about it.
+    resolution
+        Cells along the box's longest side.
     """
+    cell = float((high - low).max()) / resolution
+    # Cells of nothing all around, so that the mesh is closed; uneven, so that faces of the solid do
+    # not lie in the grid's planes.
+    low = low - np.array([1.37, 1.43, 1.31]) * cell
+    shape = np.ceil((high - low) / cell).astype(np.int64) + 3
     scale = FINE * (int(shape.max()) + 1)
     keys: list[Ints] = []
     places: list[Floats] = []

@@ -19,9 +19,10 @@ from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, 
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.nodes import Combinable, Leaf, as_node
 from pcsg.graph.recipes import NoRecipe, Recipes
-from pcsg.graph.states import StateGraph, enumerate_states
+from pcsg.graph.states import StateGraph
 from pcsg.graph.stats import graph_stats
 from pcsg.graph.text import to_pcsg
+from pcsg.graph.unroll import enumerate_states
 from pcsg.graph.validate import check_graph
 from pcsg.trace.hits import Hits, Spans
 from pcsg.trace.lazy import LazyTracer

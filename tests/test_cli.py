@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import pytest
 import typer
@@ -242,8 +243,13 @@ def test_an_interrupt_keeps_the_partial_picture(tmp_path):
     # Kernels are compiled beforehand, so that the interrupt meets the rendering.
     warm = [*PYTHON, "render", "ball.pcsg", "--size", "8x8", "-q", "-o", "warm.png"]
     subprocess.run(warm, cwd=tmp_path, check=True, timeout=300)
+    # Shells let what runs in the background ignore interrupts, and with it all that this starts.
     process = subprocess.Popen(
-        [*PYTHON, *arguments], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+        [*PYTHON, *arguments],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     )
     assert process.stderr is not None
     while not process.stderr.readline().startswith("--camera"):

@@ -41,11 +41,6 @@ def contour(
         raise UsageError(f"contour: the resolution must be 2 or more, is {resolution}")
     model = solid if isinstance(solid, Model) else Model(solid)
     low, high = model.support
-    cell = float((high - low).max()) / resolution
-    # Cells of nothing all around, so that the mesh is closed; uneven, so that faces of boxes do not
-    # lie in the grid's planes.
-    low = low - np.array([1.37, 1.43, 1.31]) * cell
-    shape = np.ceil((high - low) / cell).astype(np.int64) + 3
 
     def columns(o: Floats, d: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
         counts, t = model.shoot(o, d)
@@ -54,4 +49,4 @@ def contour(
     def first(o: Floats, d: Floats) -> Floats:
         return model.intersect(o, d, 0.0, 1.0)
 
-    return march(low, cell, shape, columns, first)
+    return march(low, high, resolution, columns, first)

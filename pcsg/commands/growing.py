@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from pcsg.commands.arguments import Json, Quiet
 from pcsg.commands.guard import guard
 
 app = typer.Typer(
@@ -30,7 +31,6 @@ Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Another tree of
 Size = Annotated[str, typer.Option("--size", metavar="WxH", help="In pixels.")]
 Samples = Annotated[int, typer.Option("--samples", help="Most samples per pixel.")]
 Mode = Annotated[str | None, typer.Option("--mode", help="preview, direct or path.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
 
 
 @app.command()
@@ -38,7 +38,7 @@ Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but erro
 def counts(
     species: Species,
     year: Annotated[int | None, typer.Option(help="Only this one.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Say it in JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Count branches, shoots, internodes and leaves, year by year."""
     from pcsg.commands.grow import run_counts

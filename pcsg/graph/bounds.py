@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from pcsg.graph.graph import Graph
 from pcsg.graph.hulls import EMPTY, INF, TOLERANCE, Bounds, Hulls
 from pcsg.graph.ranges import range_boxes
-from pcsg.graph.states import StateGraph, enumerate_states
+from pcsg.graph.states import StateGraph
+from pcsg.graph.unroll import enumerate_states
 from pcsg.leaf.registry import Box
 
 STEPS_LIMIT = 60_000

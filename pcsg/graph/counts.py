@@ -14,7 +14,7 @@ from pcsg.graph.code import GraphCode, NodeFault
 from pcsg.graph.graph import Graph
 from pcsg.graph.liveness import Liveness
 from pcsg.graph.nodes import Calculation, Leaf, Selection, Transformation
-from pcsg.graph.states import cuts
+from pcsg.graph.unroll import cuts
 
 BUDGET = 50_000
 """Entries that are remembered before counting is given up."""

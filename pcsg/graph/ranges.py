@@ -13,11 +13,21 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import product
 from typing import NamedTuple
 
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS, ATTRIBUTE_SLOTS
 from pcsg.graph.expr import Number, functions_of, operands, parameters_of, postorder
+from pcsg.graph.extents import (
+    ANY_EXTENT,
+    NO_EXTENT,
+    Extent,
+    combine_extents,
+    inflate_extent,
+    join_extents,
+    leaf_extent,
+    lies_within,
+    transform_extent,
+)
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.graph import FRAME_SLOTS, GLOBALS, Graph, expressions
 from pcsg.graph.hulls import EMPTY, EVERYTHING, INF, Bounds, join
@@ -30,13 +40,12 @@ from pcsg.graph.intervals import (
     hull,
     is_point,
     keeps_distances,
-    transform_intervals,
     transform_matrix,
 )
 from pcsg.graph.liveness import Liveness, attribute_stores, attribute_values, successors_first
 from pcsg.graph.nodes import Attribute, Calculation, Leaf, Operation, Selection, Transformation
-from pcsg.graph.operators import DIFFERENCE, INTERSECTION, UNION, Operator
-from pcsg.graph.states import cuts
+from pcsg.graph.operators import UNION, Operator
+from pcsg.graph.unroll import cuts
 from pcsg.vec import IDENTITY
 
 ENTRIES = 600
@@ -49,17 +58,6 @@ _INFLATE_AFTER = 6
 
 Values = dict[str, Interval]
 Key = tuple[int, tuple[float | None, ...]]
-
-
-class Extent(NamedTuple):
-    """A box, and the largest distance from the origin, which rotations keep."""
-
-    box: Bounds
-    reach: float
-
-
-_NOTHING = Extent(EMPTY, 0.0)
-_ANYTHING = Extent(EVERYTHING, INF)
 
 
 class _Visit(NamedTuple):
@@ -398,7 +396,7 @@ class Ranges:
 
     def extents(self, bounded_only: bool = False) -> dict[Key, Extent]:
         """Measure all entries from below."""
-        extents = dict.fromkeys(self.entries, _NOTHING)
+        extents = dict.fromkeys(self.entries, NO_EXTENT)
         for component in reversed(self._components()):
             self._measure_component(component, extents, bounded_only)
         return extents
@@ -421,17 +419,17 @@ class Ranges:
             if k >= _INFLATE_AFTER:
                 by = 1e-6 * 1.5 ** (k - _INFLATE_AFTER)
                 for key in component:
-                    extents[key] = _inflate(extents[key], by)
+                    extents[key] = inflate_extent(extents[key], by)
             tried = {key: extents[key] for key in component}
             results = {key: self._result(key, extents, bounded_only) for key in component}
-            if all(_within(results[key], tried[key]) for key in component):
+            if all(lies_within(results[key], tried[key]) for key in component):
                 # One more application only makes them tighter.
                 extents.update(results)
                 return
             for key in component:
-                extents[key] = _join_extents(before[key], results[key])
+                extents[key] = join_extents(before[key], results[key])
         for key in component:
-            extents[key] = _ANYTHING
+            extents[key] = ANY_EXTENT
 
     def _result(self, key: Key, extents: dict[Key, Extent], bounded_only: bool) -> Extent:
         return self._measure(self.entries[key], extents, bounded_only)[-1][1]
@@ -450,108 +448,13 @@ class Ranges:
             elif visit.entry is not None:
                 extent = extents[visit.entry]
             elif visit.operator is not None:
-                extent = _combine(visit.operator, below, bounded_only)
+                extent = combine_extents(visit.operator, below, bounded_only)
             elif visit.matrix is not None:
                 node = self.graph.nodes[visit.node]
                 assert isinstance(node, Transformation)
-                extent = _transformed(visit.matrix, below[0], keeps_distances(node.transform))
+                extent = transform_extent(visit.matrix, below[0], keeps_distances(node.transform))
             else:
                 extent = below[0]
             stack.append(extent)
             found.append((visit, extent))
         return found
-
-
-def leaf_extent(node: Leaf, args: list[Interval]) -> Extent:
-    """Return the extent of a primitive; bounds are monotone in every argument."""
-    ends = []
-    if node.constants and not all(map(is_point, args)):
-        return _ANYTHING
-    for parameter, (lower, upper) in zip(node.parameters, args, strict=True):
-        ends.append((max(lower, parameter.low), min(upper, parameter.high)))
-    box = EMPTY
-    for corner in product(*ends):
-        if not all(map(math.isfinite, corner)):
-            return _ANYTHING
-        bounds = node.bounds_of(corner)
-        box = join(box, (*bounds.lower, *bounds.upper))
-    return Extent(box, _reach(box))
-
-
-def _reach(box: Bounds) -> float:
-    """Return the largest distance from the origin in a box."""
-    if _is_empty(box):
-        return 0.0
-    return math.hypot(*(max(-box[i], box[i + 3]) for i in range(3))) * (1.0 + 1e-15)
-
-
-def _is_empty(box: Bounds) -> bool:
-    return any(box[i] > box[i + 3] for i in range(3))
-
-
-def _combine(operator: Operator, operands: list[Extent], bounded_only: bool) -> Extent:
-    if operator is DIFFERENCE:
-        return operands[0]
-    if operator is INTERSECTION:
-        box = operands[0].box
-        for e in operands[1:]:
-            lower = tuple(map(max, box[:3], e.box[:3]))
-            upper = tuple(map(min, box[3:], e.box[3:]))
-            box = (*lower, *upper)  # type: ignore[assignment]  # three and three are six
-        if _is_empty(box):
-            return _NOTHING
-        return Extent(box, min(_reach(box), *(e.reach for e in operands)))
-    if bounded_only:
-        operands = [e for e in operands if math.isfinite(e.reach)] or operands
-    total = _NOTHING
-    for e in operands:
-        total = _join_extents(total, e)
-    return total
-
-
-def _join_extents(a: Extent, b: Extent) -> Extent:
-    return Extent(join(a.box, b.box), max(a.reach, b.reach))
-
-
-def _transformed(m: Matrix, e: Extent, keeps_distance: bool) -> Extent:
-    """Return the extent of what a matrix makes of an extent."""
-    if _is_empty(e.box):
-        return _NOTHING
-    box = e.box
-    intervals = transform_intervals(m, [(box[i], box[i + 3]) for i in range(3)])
-    reach = e.reach
-    if not keeps_distance:
-        shift = math.hypot(*(max(-m[i][0], m[i][1]) for i in (3, 7, 11)))
-        reach = (_stretch(m) * reach if reach else 0.0) + shift
-    reach *= 1.0 + 1e-15
-    lower = [max(i[0], -reach) for i in intervals]
-    upper = [min(i[1], reach) for i in intervals]
-    moved = (lower[0], lower[1], lower[2], upper[0], upper[1], upper[2])
-    return Extent(moved, min(reach, _reach(moved)))
-
-
-def _stretch(m: Matrix) -> float:
-    """Return an upper bound of how much a matrix lengthens vectors: of its row sums and columns."""
-    size = [[max(-m[i + j][0], m[i + j][1]) for j in range(3)] for i in (0, 4, 8)]
-    rows = max(sum(row) for row in size)
-    columns = max(sum(row[j] for row in size) for j in range(3))
-    return math.sqrt(rows * columns)
-
-
-def _inflate(e: Extent, by: float) -> Extent:
-    """Return an extent grown by a fraction of its reach."""
-    if _is_empty(e.box) or not math.isfinite(e.reach):
-        return e
-    d = by * e.reach
-    b = e.box
-    grown = (b[0] - d, b[1] - d, b[2] - d, b[3] + d, b[4] + d, b[5] + d)
-    return Extent(grown, e.reach + d)
-
-
-def _within(a: Extent, b: Extent) -> bool:
-    if _is_empty(a.box):
-        return True
-    return (
-        all(a.box[i] >= b.box[i] and a.box[i + 3] <= b.box[i + 3] for i in range(3))
-        and a.reach <= b.reach
-    )

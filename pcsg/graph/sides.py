@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from pcsg.graph.expr import Apply, Expr, Number, Parameter, operands, postorder
+from pcsg.graph.extents import leaf_extent
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.hulls import INF, Bounds
 from pcsg.graph.intervals import ALL, Interval, add, evaluate, multiply, transform_matrix
 from pcsg.graph.liveness import successors_first
 from pcsg.graph.nodes import Leaf
-from pcsg.graph.ranges import leaf_extent
 from pcsg.graph.recipes import Assign, Entry, FixedPart, LeafPart, Part, Recipe, Recipes
 from pcsg.graph.transforms import Transform
 from pcsg.vec import Affine

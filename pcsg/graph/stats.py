@@ -11,7 +11,8 @@ from pcsg.graph.bounds import HyperBoxes, hyper_boxes
 from pcsg.graph.counts import count_primitives
 from pcsg.graph.graph import Graph
 from pcsg.graph.nodes import Leaf
-from pcsg.graph.states import LeafItem, StateGraph, enumerate_states
+from pcsg.graph.states import LeafItem, StateGraph
+from pcsg.graph.unroll import enumerate_states
 from pcsg.leaf.blob import BlobSource
 from pcsg.leaf.registry import Box
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pcsg.growth.species import Species
 
 if TYPE_CHECKING:
+    from pcsg.blobtree.model import Model
     from pcsg.treemesh.skeleton import Skeleton
 
 Floats = NDArray[np.float64]
@@ -231,6 +232,19 @@ class State:
     def height(self) -> float:
         """Greatest height of the wood."""
         return float(self.nodes.position[:, 2].max(initial=0.0))
+
+    def blobtree(self, finest: float = 0.004) -> Model:
+        """Return the wood as an implicit model, with `field`, `intersect` and the rest.
+
+        Parameters
+        ----------
+        finest
+            Junctions of limbs thinner than this, in metres, are smooth.
+        """
+        from pcsg.blobtree.model import Model
+        from pcsg.growth.wood import wood_field
+
+        return Model(wood_field(self, finest))
 
     def skeleton(self) -> Skeleton:
         """Return the axes with radii, for meshes and other programs; labels are orders.

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pcsg.errors import UsageError
 from pcsg.leaf.bvh import build_hierarchy
+from pcsg.leaf.places import face_normal, interpolate, locate
 from pcsg.leaf.registry import (
     Array,
     Box,
@@ -35,10 +36,7 @@ from pcsg.leaf.triangles import (
     ORIENTATION,
     REFS,
     TRIANGLES,
-    face_normal,
     find_mesh,
-    interpolate,
-    locate,
     mesh_contains,
     mesh_crossings,
 )

@@ -14,17 +14,13 @@ viewer, w to the light, h halfway.
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import NamedTuple
 
-import numpy as np
-
 from pcsg.jit import njit
+from pcsg.render.albedo import GLASSES, Albedo, glass_row, mean_at, share_at
+from pcsg.render.facets import MIN_ALPHA, fresnel, ggx, reach, refract, schlick, visible_normal
 from pcsg.render.tracer import Bools, Floats
 from pcsg.vec import Vec3, dot, normalize
-
-MIN_ALPHA = 1e-4
-"""Least width of a gloss: a mirror, sharper than any picture shows."""
 
 
 class Matter(NamedTuple):
@@ -57,219 +53,17 @@ class Matter(NamedTuple):
     sheet: Bools
 
 
-class Albedo(NamedTuple):
-    """Reflected shares of GGX gloss, by roughness and the root of the cosine, both from 0 to 1.
-
-    With Schlick's Fresnel term the share is ``low * F0 + high * F90``; without, ``low + high``.
-
-    Attributes
-    ----------
-    low, high
-        (R, C)
-    mean_low, mean_high
-        (R,) averages over the cosine-weighted hemisphere.
-    glass
-        (2, E, R, C) what glass mirrors and refracts together: looked at from outside or inside, by
-        its index of refraction; see `_glass_row`. Of no size where there is no glass.
-    """
-
-    low: Floats
-    high: Floats
-    mean_low: Floats
-    mean_high: Floats
-    glass: Floats
-
-
-ROUGHNESSES, COSINES = 24, 24
-"""Rows and columns; columns go by the root of the cosine, since grazing gloss changes fast."""
-
-
-GLASSES, MOST_GLASS = 9, 0.75
-"""Rows for indices of refraction, and the largest root of (ior - 1) / (ior + 1): 3.6."""
-
-
-class _Facets(NamedTuple):
-    """Facets as seen from a direction, over roughness, cosine and numbers to draw them.
-
-    Attributes
-    ----------
-    squared
-        Square of the roughness parameter alpha.
-    vz
-        Cosine of the viewer.
-    vh, hz
-        Cosines of the facet to the viewer and to the surface.
-    """
-
-    squared: Floats
-    vz: Floats
-    vh: Floats
-    hz: Floats
-
-    def masking(self, lz: Floats) -> Floats:
-        """Return G2 / G1 for light at cosines lz on either side."""
-        to_viewer = self.vz * np.sqrt(self.squared + (1.0 - self.squared) * lz**2)
-        own = np.sqrt(self.squared + (1.0 - self.squared) * self.vz**2)
-        return np.asarray(lz * (self.vz + own) / (to_viewer + lz * own))
-
-
-def _draw_facets(roughnesses: int, cosines: int, side: int) -> _Facets:
-    """Return visible normals, as of `_visible_normal`, (R, C, side * side)."""
-    u, turn = ((v.ravel() + 0.5) / side for v in np.mgrid[0:side, 0:side])
-    roughness = np.linspace(0.0, 1.0, roughnesses)
-    cosine = np.linspace(0.0, 1.0, cosines) ** 2
-    alpha = np.maximum(roughness**2, MIN_ALPHA)[:, None, None]
-    vz = np.maximum(cosine, 1e-3)[None, :, None]
-    vx = np.sqrt(1.0 - vz * vz)
-    length = np.hypot(alpha * vx, vz)
-    sx, sz = alpha * vx / length, vz / length
-    cz = (1.0 - u) * (1.0 + sz) - sz
-    radius = np.sqrt(np.maximum(1.0 - cz * cz, 0.0))
-    hx = alpha * (radius * np.cos(2 * np.pi * turn) + sx)
-    hy = alpha * radius * np.sin(2 * np.pi * turn)
-    hz = np.maximum(cz + sz, 1e-12)
-    scale = 1.0 / np.sqrt(hx * hx + hy * hy + hz * hz)
-    vh = np.clip((vx * hx + vz * hz) * scale, 0.0, 1.0)
-    return _Facets(alpha * alpha, vz, vh, hz * scale)
-
-
-@cache
-def albedo_tables(glass: bool = True) -> Albedo:
-    """Return the reflected shares by integration over drawn normals.
-
-    Parameters
-    ----------
-    glass
-        Whether the table for glass is needed.
-    """
-    facets = _draw_facets(ROUGHNESSES, COSINES, 24)
-    lz = 2.0 * facets.vh * facets.hz - facets.vz
-    masking = np.where(lz > 0, facets.masking(np.maximum(lz, 0.0)), 0.0)
-    edge = (1.0 - facets.vh) ** 5
-    low = (masking * (1.0 - edge)).mean(axis=2)
-    high = (masking * edge).mean(axis=2)
-    # Averages of what stands between the columns, where `_share` draws straight lines.
-    fine = (np.arange(2048) + 0.5) / 2048
-    columns = np.linspace(0.0, 1.0, COSINES)
-    hats = np.stack([np.interp(fine, columns, hat) for hat in np.eye(COSINES)])
-    weight = hats @ (4.0 * fine**3) / len(fine)
-    both = _glass_table() if glass else np.ones((2, 0, 0, 0))
-    return Albedo(low, high, low @ weight, high @ weight, both)
-
-
-def _glass_table() -> Floats:
-    """Return what glass mirrors and refracts together: (2, E, R, C)."""
-    facets = _draw_facets(ROUGHNESSES, COSINES, 18)
-    vh, hz = facets.vh, facets.hz
-    up = 2.0 * vh * hz - facets.vz
-    mirrored = np.where(up > 0, facets.masking(np.maximum(up, 0.0)), 0.0)
-    rows = np.linspace(0.0, MOST_GLASS, GLASSES) ** 2
-    table = np.empty((2, GLASSES, ROUGHNESSES, COSINES))
-    for k, ior in enumerate((1.0 + rows) / (1.0 - rows)):
-        for inside, eta in enumerate((ior, 1.0 / ior)):
-            beyond = np.sqrt(np.maximum(1.0 - (1.0 - vh**2) / eta**2, 0.0))
-            parallel = (eta * vh - beyond) / (eta * vh + beyond)
-            across = (vh - eta * beyond) / (vh + eta * beyond)
-            fresnel = np.where(beyond > 0.0, 0.5 * (parallel**2 + across**2), 1.0)
-            down = -((vh / eta - beyond) * hz - facets.vz / eta)
-            refracted = np.where(down > 0, facets.masking(np.maximum(down, 0.0)), 0.0)
-            share = fresnel * mirrored + (1.0 - fresnel) * refracted
-            table[inside, k] = share.mean(axis=2)
-    return table
-
-
-@njit
-def _share(table: Floats, roughness: float, cosine: float) -> float:
-    """Return a table's value between its rows and columns."""
-    row = roughness * (table.shape[0] - 1)
-    column = math.sqrt(min(max(cosine, 0.0), 1.0)) * (table.shape[1] - 1)
-    i, j = min(int(row), table.shape[0] - 2), min(int(column), table.shape[1] - 2)
-    s, t = row - i, column - j
-    upper = (1 - t) * table[i, j] + t * table[i, j + 1]
-    lower = (1 - t) * table[i + 1, j] + t * table[i + 1, j + 1]
-    return float((1 - s) * upper + s * lower)
-
-
-@njit
-def _glass_row(eta: float) -> tuple[int, float]:
-    """Return the table of a relative index of refraction, and where in it that lies."""
-    inside = 1 if eta < 1.0 else 0
-    ior = 1.0 / eta if eta < 1.0 else eta
-    root = math.sqrt((ior - 1.0) / (ior + 1.0))
-    return inside, min(root / MOST_GLASS, 1.0) * (GLASSES - 1)
-
-
 @njit
 def _regain(x: _Mix, a: Albedo, vz: float) -> float:
     """Return by how much rough glass must be brighter to lose nothing (Turquin 2019)."""
     if x.thin:
-        share = _share(a.low, x.roughness, vz) + _share(a.high, x.roughness, vz)
+        share = share_at(a.low, x.roughness, vz) + share_at(a.high, x.roughness, vz)
         return 1.0 / max(share, 1e-3)
-    inside, row = _glass_row(x.eta)
+    inside, row = glass_row(x.eta)
     k = min(int(row), GLASSES - 2)
-    near = _share(a.glass[inside, k], x.roughness, vz)
-    far = _share(a.glass[inside, k + 1], x.roughness, vz)
+    near = share_at(a.glass[inside, k], x.roughness, vz)
+    far = share_at(a.glass[inside, k + 1], x.roughness, vz)
     return 1.0 / max(near + (row - k) * (far - near), 1e-3)
-
-
-@njit
-def _mean(table: Floats, roughness: float) -> float:
-    row = roughness * (len(table) - 1)
-    i = min(int(row), len(table) - 2)
-    return float(table[i] + (row - i) * (table[i + 1] - table[i]))
-
-
-@njit
-def _schlick(low: float, high: float, cosine: float) -> float:
-    """Return the mirrored share (Schlick 1994)."""
-    return low + (high - low) * (1.0 - min(max(cosine, 0.0), 1.0)) ** 5
-
-
-@njit
-def _fresnel(cosine: float, eta: float) -> float:
-    """Return the mirrored share of unpolarised light between dielectrics; 1 if all of it is."""
-    squared = 1.0 - (1.0 - cosine * cosine) / (eta * eta)
-    if squared <= 0.0:
-        return 1.0
-    beyond = math.sqrt(squared)
-    parallel = (eta * cosine - beyond) / (eta * cosine + beyond)
-    perpendicular = (cosine - eta * beyond) / (cosine + eta * beyond)
-    return 0.5 * (parallel * parallel + perpendicular * perpendicular)
-
-
-@njit
-def _ggx(nh: float, squared: float) -> float:
-    """Return the density of normals."""
-    slope = nh * nh * (squared - 1.0) + 1.0
-    return squared / (math.pi * slope * slope)
-
-
-@njit
-def _reach(cosine: float, squared: float) -> float:
-    """Return cosine times (1 + 2 Lambda), of Smith's masking."""
-    return math.sqrt(squared + (1.0 - squared) * cosine * cosine)
-
-
-@njit
-def _visible_normal(v: Vec3, alpha: float, u: float, turn: float) -> Vec3:
-    """Return a normal as seen from v: a point of a cap of the sphere (Dupuy and Benyoub 2023)."""
-    s = normalize(Vec3(alpha * v.x, alpha * v.y, v.z))
-    z = (1.0 - u) * (1.0 + s.z) - s.z
-    radius = math.sqrt(max(1.0 - z * z, 0.0))
-    x = radius * math.cos(2.0 * math.pi * turn) + s.x
-    y = radius * math.sin(2.0 * math.pi * turn) + s.y
-    return normalize(Vec3(alpha * x, alpha * y, max(z + s.z, 1e-12)))
-
-
-@njit
-def _refract(v: Vec3, h: Vec3, eta: float) -> Vec3:
-    """Return where a ray towards v comes from behind a facet, zero if from nowhere."""
-    c = dot(v, h)
-    squared = 1.0 - (1.0 - c * c) / (eta * eta)
-    if squared <= 0.0:
-        return Vec3(0.0, 0.0, 0.0)
-    k = c / eta - math.sqrt(squared)
-    return Vec3(k * h.x - v.x / eta, k * h.y - v.y / eta, k * h.z - v.z / eta)
 
 
 class _Mix(NamedTuple):
@@ -320,7 +114,7 @@ def _brightness(x: _Mix) -> float:
 @njit
 def _coat(x: _Mix, a: Albedo, cosine: float) -> float:
     """Return what a coat reflects."""
-    return x.base * _share(a.low, x.roughness, cosine) + x.edge * _share(
+    return x.base * share_at(a.low, x.roughness, cosine) + x.edge * share_at(
         a.high, x.roughness, cosine
     )
 
@@ -328,7 +122,7 @@ def _coat(x: _Mix, a: Albedo, cosine: float) -> float:
 @njit
 def _lobes(x: _Mix, a: Albedo, vz: float) -> tuple[float, float, float]:
     """Return how likely a scattered ray is glossy, matt, or matt on the far side."""
-    low, high = _share(a.low, x.roughness, vz), _share(a.high, x.roughness, vz)
+    low, high = share_at(a.low, x.roughness, vz), share_at(a.high, x.roughness, vz)
     tone = _brightness(x)
     base = x.coated * (1.0 - x.base * low - x.edge * high) * tone
     gloss = x.metal * (tone * low + high) + x.coated * (x.base * low + x.edge * high) + x.glass
@@ -345,27 +139,27 @@ def _split(x: _Mix, cosine: float) -> tuple[float, float]:
     """Return how much light a facet mirrors and refracts, averaged over the colours."""
     f = 0.0
     if x.glass > 0.0:
-        f = _fresnel(cosine, x.eta)
-    mirrored = x.metal * _schlick(_brightness(x), 1.0, cosine)
-    mirrored += x.coated * _schlick(x.base, x.edge, cosine) + x.glass * f
+        f = fresnel(cosine, x.eta)
+    mirrored = x.metal * schlick(_brightness(x), 1.0, cosine)
+    mirrored += x.coated * schlick(x.base, x.edge, cosine) + x.glass * f
     return mirrored, x.glass * (1.0 - f)
 
 
 @njit
 def _lost(x: _Mix, a: Albedo, vz: float, lz: float) -> float:
     """Return what scatters several times on rough metal (Kulla and Conty 2017)."""
-    mean = _mean(a.mean_low, x.roughness) + _mean(a.mean_high, x.roughness)
+    mean = mean_at(a.mean_low, x.roughness) + mean_at(a.mean_high, x.roughness)
     if x.metal <= 0.0 or mean >= 1.0:
         return 0.0
-    from_viewer = 1.0 - _share(a.low, x.roughness, vz) - _share(a.high, x.roughness, vz)
-    from_light = 1.0 - _share(a.low, x.roughness, lz) - _share(a.high, x.roughness, lz)
+    from_viewer = 1.0 - share_at(a.low, x.roughness, vz) - share_at(a.high, x.roughness, vz)
+    from_light = 1.0 - share_at(a.low, x.roughness, lz) - share_at(a.high, x.roughness, lz)
     return from_viewer * from_light / (math.pi * (1.0 - mean))
 
 
 @njit
 def _repeated(x: _Mix, a: Albedo, tone: float) -> float:
     """Return how a metal colours light that it reflects several times."""
-    mean = _mean(a.mean_low, x.roughness) + _mean(a.mean_high, x.roughness)
+    mean = mean_at(a.mean_low, x.roughness) + mean_at(a.mean_high, x.roughness)
     fresnel = (20.0 * tone + 1.0) / 21.0
     return fresnel * fresnel * mean / (1.0 - fresnel * (1.0 - mean))
 
@@ -380,7 +174,9 @@ def _evaluate(x: _Mix, a: Albedo, v: Vec3, w: Vec3) -> tuple[float, float, float
     red, green, blue, density = 0.0, 0.0, 0.0, 0.0
     # The matt base below the coat, on either side.
     passed = x.coated * cosine * (1.0 - _coat(x, a, v.z)) * (1.0 - _coat(x, a, cosine)) / math.pi
-    mean = 1.0 - x.base * _mean(a.mean_low, x.roughness) - x.edge * _mean(a.mean_high, x.roughness)
+    mean = (
+        1.0 - x.base * mean_at(a.mean_low, x.roughness) - x.edge * mean_at(a.mean_high, x.roughness)
+    )
     passed /= max(mean, 1e-9)
     if w.z > 0.0:
         passed *= 1.0 - x.through
@@ -392,15 +188,15 @@ def _evaluate(x: _Mix, a: Albedo, v: Vec3, w: Vec3) -> tuple[float, float, float
         # Facets that mirror.
         h = normalize(Vec3(v.x + w.x, v.y + w.y, v.z + w.z))
         vh = dot(v, h)
-        d = _ggx(h.z, squared)
-        toward = _reach(v.z, squared)
-        bright = d * 0.5 * w.z / (w.z * toward + v.z * _reach(w.z, squared))
-        shared = x.coated * _schlick(x.base, x.edge, vh)
+        d = ggx(h.z, squared)
+        toward = reach(v.z, squared)
+        bright = d * 0.5 * w.z / (w.z * toward + v.z * reach(w.z, squared))
+        shared = x.coated * schlick(x.base, x.edge, vh)
         if x.glass > 0.0:
-            shared += glass * _fresnel(vh, x.eta)
-        red += bright * (shared + x.metal * _schlick(x.red, 1.0, vh))
-        green += bright * (shared + x.metal * _schlick(x.green, 1.0, vh))
-        blue += bright * (shared + x.metal * _schlick(x.blue, 1.0, vh))
+            shared += glass * fresnel(vh, x.eta)
+        red += bright * (shared + x.metal * schlick(x.red, 1.0, vh))
+        green += bright * (shared + x.metal * schlick(x.green, 1.0, vh))
+        blue += bright * (shared + x.metal * schlick(x.blue, 1.0, vh))
         mirrored, refracted = _split(x, vh)
         if mirrored > 0.0:
             density += gloss * mirrored / (mirrored + refracted) * 0.5 * d / (v.z + toward)
@@ -419,8 +215,8 @@ def _evaluate(x: _Mix, a: Albedo, v: Vec3, w: Vec3) -> tuple[float, float, float
             vh, wh = dot(v, h), dot(w, h)
             if vh > 0.0 and (x.thin or wh < 0.0):
                 mirrored, refracted = _split(x, vh)
-                d = _ggx(h.z, squared)
-                toward = _reach(v.z, squared)
+                d = ggx(h.z, squared)
+                toward = reach(v.z, squared)
                 spread = 0.25 / vh
                 narrowed = 1.0
                 if not x.thin:
@@ -428,10 +224,10 @@ def _evaluate(x: _Mix, a: Albedo, v: Vec3, w: Vec3) -> tuple[float, float, float
                     spread = x.eta * x.eta * abs(wh) / max(root * root, 1e-300)
                     narrowed = 1.0 / (x.eta * x.eta)
                 # Masked by both sides: G2 / G1 = share; density of the facet: 2 vh d / (vz + ...).
-                both = v.z * _reach(cosine, squared) + cosine * toward
+                both = v.z * reach(cosine, squared) + cosine * toward
                 share = cosine * (v.z + toward) / both
                 facet = 2.0 * vh * d / (v.z + toward) * spread
-                bright = glass * (1.0 - _fresnel(vh, x.eta)) * facet * share * narrowed
+                bright = glass * (1.0 - fresnel(vh, x.eta)) * facet * share * narrowed
                 power = 1.0 if x.thin else 0.5
                 red += bright * x.red**power
                 green += bright * x.green**power
@@ -445,13 +241,13 @@ def _draw(x: _Mix, a: Albedo, v: Vec3, u: float, turn: float, lobe: float, side:
     """Return a direction that light may come from; zero where none was found."""
     gloss, matt, far = _lobes(x, a, v.z)
     if lobe < gloss:
-        h = _visible_normal(v, x.alpha, u, turn)
+        h = visible_normal(v, x.alpha, u, turn)
         vh = dot(v, h)
         mirrored, refracted = _split(x, vh)
         up = Vec3(2.0 * vh * h.x - v.x, 2.0 * vh * h.y - v.y, 2.0 * vh * h.z - v.z)
         if side * (mirrored + refracted) < mirrored:
             return up if up.z > 0.0 else Vec3(0.0, 0.0, 0.0)
-        down = Vec3(up.x, up.y, -up.z) if x.thin else _refract(v, h, x.eta)
+        down = Vec3(up.x, up.y, -up.z) if x.thin else refract(v, h, x.eta)
         return down if down.z < 0.0 else Vec3(0.0, 0.0, 0.0)
     if matt + far <= 0.0:
         return Vec3(0.0, 0.0, 0.0)

@@ -4,8 +4,8 @@ Light that glass gathers is found by few of the rays, and these bring much of it
 enough of them, what the eye sees is not that light but single white points. Here bright samples
 are kept apart by their brightness: one counts as not much more than white until there are others as
 bright around it. Where light really is so bright they come by and by, so that the mean is right in
-the end. The idea and the layers are those of Zirr, Hanika and
-Dachsbacher 2018, *Re-weighting firefly samples for improved finite-sample Monte Carlo estimates*.
+the end. The idea and the layers are those of Zirr, Hanika and Dachsbacher 2018, *Re-weighting
+firefly samples for improved finite-sample Monte Carlo estimates*.
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pcsg.graph.settings import SETTINGS
-from pcsg.render.bsdf import Albedo, Matter, albedo_tables, scatter_batch
+from pcsg.render.albedo import Albedo, albedo_tables
+from pcsg.render.bsdf import Matter, scatter_batch
 from pcsg.render.surfaces import Gathered, gather_hits, make_gathered
 from pcsg.render.textures import NORMALS, Textures
 from pcsg.render.tracer import Bools, Floats, Ints, Tracer

@@ -13,18 +13,8 @@ from pcsg.leaf.registry import ANY, FIRST, Pool
 from pcsg.trace.merge import SHEET
 from pcsg.trace.surface import Surface, describe_hit
 from pcsg.trace.tables import Tables
-from pcsg.trace.walk import (
-    ARGUMENTS_AT,
-    ATTRIBUTES_AT,
-    LIST,
-    MEMBERSHIP,
-    OK,
-    SHRINK,
-    Scratch,
-    chain_map,
-    copy_record,
-    walk,
-)
+from pcsg.trace.walk import LIST, MEMBERSHIP, SHRINK, walk
+from pcsg.trace.walk_space import ARGUMENTS_AT, ATTRIBUTES_AT, OK, Scratch, chain_map, copy_record
 from pcsg.vec import Ray, load_affine, store_affine
 
 

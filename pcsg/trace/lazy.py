@@ -14,7 +14,7 @@ from pcsg.graph.code import invert_affine
 from pcsg.graph.graph import GLOBALS
 from pcsg.graph.liveness import successors_first
 from pcsg.graph.recipes import Recipes
-from pcsg.graph.states import enumerate_states
+from pcsg.graph.unroll import enumerate_states
 from pcsg.jit import plain
 from pcsg.leaf.registry import FIRST
 from pcsg.simd import WIDTH

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from pcsg.graph.code import invert_affine
 from pcsg.graph.expr import Expr, Number, Parameter, parameters_of
+from pcsg.graph.extents import leaf_extent
 from pcsg.graph.hulls import Bounds
 from pcsg.graph.nodes import Leaf
-from pcsg.graph.ranges import leaf_extent
 from pcsg.graph.recipes import (
     Assign,
     EntryPart,

@@ -13,10 +13,8 @@ them. Both are defined by ``docs/solids.md``. Memory is proportional to the dept
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE, INTERSECTION, UNION
 from pcsg.graph.tape import run
@@ -34,9 +32,46 @@ from pcsg.trace.tables import (
     SELECTION,
     Tables,
 )
+from pcsg.trace.walk_space import (
+    BAD_ARGUMENT,
+    CHAIN_FULL,
+    CROSSINGS_FULL,
+    EVENTS_FULL,
+    F_CHAIN,
+    F_CHAIN_TOP,
+    F_DEPTH,
+    F_FLIP,
+    F_LISTS,
+    F_MIDDLE,
+    F_NEXT,
+    F_NODE,
+    F_RECORD_TOP,
+    F_START,
+    FRAME,
+    FRAMES_FULL,
+    OK,
+    RECORD,
+    RECORDS_FULL,
+    SELECTION_RANGE,
+    SHRUNK_DIRECTION,
+    SHRUNK_ORIGIN,
+    SINGULAR,
+    STATE,
+    TOO_DEEP,
+    Scratch,
+    args_are_legal,
+    chain_map,
+    copy_record,
+    describe_record,
+    find_model,
+    leave_events,
+    misses_box,
+    note_fault,
+    restore_state,
+    save_state,
+    write_record,
+)
 from pcsg.vec import (
-    IDENTITY,
-    Affine,
     Ray,
     Vec3,
     compose,
@@ -47,190 +82,10 @@ from pcsg.vec import (
     transform_ray,
 )
 
-# How a walk ends. The first two are the tape's; those from FRAMES_FULL on ask for larger arrays.
-OK, NOT_FINITE, UNASSIGNED = 0, 1, 2
-SELECTION_RANGE, SINGULAR, BAD_ARGUMENT, TOO_DEEP = 3, 4, 5, 6
-FRAMES_FULL, CHAIN_FULL, EVENTS_FULL, RECORDS_FULL, CROSSINGS_FULL = 7, 8, 9, 10, 11
-
 # Ways of walking.
 SHRINK, LIST, MEMBERSHIP = 0, 1, 2
 
 _UNION, _INTERSECTION, _DIFFERENCE = UNION.kind, INTERSECTION.kind, DIFFERENCE.kind
-_N_ATTRIBUTES = 7
-_SHRUNK_ORIGIN = 2.0**52
-_SHRUNK_DIRECTION = 1e150
-
-# Fields of a frame, a chain entry and a record.
-_F_NODE, _F_NEXT, _F_CHAIN, _F_FLIP, _F_DEPTH = 0, 1, 2, 3, 4
-_F_CHAIN_TOP, _F_RECORD_TOP, _F_START, _F_MIDDLE, _F_LISTS = 5, 6, 7, 8, 9
-_FRAME = 10
-_STATE = 9
-ATTRIBUTES_AT = 6
-ARGUMENTS_AT = ATTRIBUTES_AT + _N_ATTRIBUTES
-RECORD = ARGUMENTS_AT + MAX_LEAF_ARGS
-
-
-class Scratch(NamedTuple):
-    """Working space of one thread.
-
-    Attributes
-    ----------
-    frames : int32 (F * 10,)
-        Operations that wait for further operands: what `_F_NODE`... name.
-    states : float64 (F * (9 + P),)
-        Ray (6), the world origin in the local frame (3) and parameters of the frames.
-    chain : int32 (C * 3,)
-        Parent, node and rule of the selections and transformations on the way.
-    chain_matrices : float64 (C * 12,)
-        local_from_parent of transformations.
-    event_t, event_about : float64 (E,), int32 (2 E,)
-        Lists of events: t; record and kind.
-    merged_t, merged_about
-        The same for results of merging.
-    records : float64 (R * RECORD,)
-        What is known of a surface: local ray (6), attributes (7), arguments of the leaf.
-    record_about : int32 (R * 3,)
-        Its leaf node, end of its chain, whether it is flipped.
-    params : float64 (P,)
-        Present values.
-    stack : float64
-        The tape's stack.
-    t : float64 (T,)
-        Crossings of one leaf.
-    best : float64 (13,)
-        t and local_from_world of the first hit.
-    fault : int32 (3,)
-        Node, instruction and end of the chain where a fault was found.
-    """
-
-    frames: NDArray[np.int32]
-    states: NDArray[np.float64]
-    chain: NDArray[np.int32]
-    chain_matrices: NDArray[np.float64]
-    event_t: NDArray[np.float64]
-    event_about: NDArray[np.int32]
-    merged_t: NDArray[np.float64]
-    merged_about: NDArray[np.int32]
-    records: NDArray[np.float64]
-    record_about: NDArray[np.int32]
-    params: NDArray[np.float64]
-    stack: NDArray[np.float64]
-    t: NDArray[np.float64]
-    best: NDArray[np.float64]
-    fault: NDArray[np.int32]
-
-
-@njit
-def misses_box(boxes: NDArray[np.float64], at: int, ray: Ray, low: float, high: float) -> bool:
-    """Return whether a ray passes a box by between two parameters, allowing for rounding."""
-    t0 = low
-    t1 = high
-    for k in range(3):
-        o = ray[k]
-        d = ray[3 + k]
-        lower = boxes[at + k]
-        upper = boxes[at + 3 + k]
-        if d == 0.0:
-            if o < lower or o > upper:
-                return True
-            continue
-        i = 1.0 / d
-        near = (lower - o) * i
-        far = (upper - o) * i
-        if near > far:
-            near, far = far, near
-        if near > t0:
-            t0 = near
-        if far < t1:
-            t1 = far
-    return t0 - t1 > 1e-14 * max(abs(t0), abs(t1)) or lower > upper
-
-
-@njit
-def chain_map(
-    kind_of: NDArray[np.int32],
-    detail_of: NDArray[np.int32],
-    matrices: NDArray[np.float64],
-    chain_of: NDArray[np.int32],
-    chain_matrices: NDArray[np.float64],
-    end: int,
-) -> Affine:
-    """Return local_from_world of a chain of transformations (fig 4 of the paper)."""
-    m = IDENTITY
-    while end >= 0:
-        node = chain_of[3 * end + 1]
-        if kind_of[node] == CONSTANT_MATRIX:
-            m = compose(m, load_affine(matrices, detail_of[node]))
-        elif kind_of[node] == MATRIX:
-            m = compose(m, load_affine(chain_matrices, 12 * end))
-        end = chain_of[3 * end]
-    return m
-
-
-@njit
-def _write_record(
-    records: NDArray[np.float64],
-    at: int,
-    ray: Ray,
-    params: NDArray[np.float64],
-    attribute_slot: int,
-    args: NDArray[np.float64],
-    args_at: int,
-    arity: int,
-) -> None:
-    """Keep what the shading of a leaf's surface needs."""
-    for k in range(6):
-        records[at + k] = ray[k]
-    for k in range(_N_ATTRIBUTES):
-        records[at + ATTRIBUTES_AT + k] = params[attribute_slot + k]
-    for k in range(arity):
-        records[at + ARGUMENTS_AT + k] = args[args_at + k]
-
-
-@njit
-def _describe_record(
-    record_about: NDArray[np.int32], record: int, node: int, chain: int, flip: int
-) -> None:
-    record_about[3 * record] = node
-    record_about[3 * record + 1] = chain
-    record_about[3 * record + 2] = flip
-
-
-@njit
-def copy_record(records: NDArray[np.float64], record_about: NDArray[np.int32], record: int) -> None:
-    """Make a record the one of the first hit."""
-    for j in range(RECORD):
-        records[j] = records[record * RECORD + j]
-    for j in range(3):
-        record_about[j] = record_about[3 * record + j]
-
-
-@njit
-def _args_are_legal(
-    low: NDArray[np.float64], high: NDArray[np.float64], at: int, args: NDArray[np.float64], n: int
-) -> bool:
-    """Return whether n arguments of a leaf are in their ranges."""
-    for k in range(n):
-        if args[k] < low[at + k] or args[k] > high[at + k]:
-            return False
-    return True
-
-
-@njit
-def _find_model(models: NDArray[np.float64], at: int, values: NDArray[np.float64]) -> int:
-    """Return where the kernel arguments of the model for these values are, -1 if there is none."""
-    rows, width = int(models[at]), int(models[at + 1])
-    row = at + 2
-    for _ in range(rows):
-        same = True
-        for k in range(width):
-            # The values come from the same arithmetic, but from another library of functions.
-            if not abs(values[k] - models[row + k]) <= 1e-12 * max(1.0, abs(models[row + k])):
-                same = False
-        if same:
-            return int(models[row + width])
-        row += width + 1
-    return -1
 
 
 @njit
@@ -269,8 +124,8 @@ def walk(
     records, record_about = scratch.records, scratch.record_about
     params, ends, first_hit, fault = scratch.params, scratch.t, scratch.best, scratch.fault
     n_params = len(tables.initial)
-    width = _STATE + n_params
-    max_frames = len(frames) // _FRAME
+    width = STATE + n_params
+    max_frames = len(frames) // FRAME
     max_chain = len(chain_of) // 3
     max_events = len(event_t)
     max_records = len(record_about) // 3
@@ -311,26 +166,26 @@ def walk(
             if kind == SELECTION:
                 depth += 1
                 if depth > tables.depth_limit:
-                    _note(fault, node, -1, chain)
+                    note_fault(fault, node, -1, chain)
                     return TOO_DEEP, 0
                 if (
-                    max(abs(origin.x), abs(origin.y), abs(origin.z)) > _SHRUNK_ORIGIN
-                    or max(abs(ray.dx), abs(ray.dy), abs(ray.dz)) > _SHRUNK_DIRECTION
+                    max(abs(origin.x), abs(origin.y), abs(origin.z)) > SHRUNK_ORIGIN
+                    or max(abs(ray.dx), abs(ray.dy), abs(ray.dz)) > SHRUNK_DIRECTION
                 ):
                     break
             if code_at[node] >= 0:
                 status, at = run(code, constants, code_at[node], frame_slot, params, 0, code_stack)
                 if status != OK:
-                    _note(fault, node, at, chain)
+                    note_fault(fault, node, at, chain)
                     return status, 0
             if kind == SELECTION:
                 rule = np.rint(scratch.stack[0])
                 if not (rule >= 1.0 and rule <= count[node]):
-                    _note(fault, node, -1, chain)
+                    note_fault(fault, node, -1, chain)
                     return SELECTION_RANGE, 0
                 below = edges[first[node] + int(rule) - 1]
                 if below < 0:
-                    _note(fault, node, -1, chain)
+                    note_fault(fault, node, -1, chain)
                     return SELECTION_RANGE, 0
                 if chain_top == max_chain:
                     return CHAIN_FULL, 0
@@ -352,7 +207,7 @@ def walk(
                     forward = evaluate_transform(detail_of[node], code_stack)
                     inverse, regular = invert(forward)
                     if not regular:
-                        _note(fault, node, -1, chain)
+                        note_fault(fault, node, -1, chain)
                         return SINGULAR, 0
                     store_affine(chain_matrices, 12 * chain_top, inverse)
                 if frame_slot >= 0:
@@ -372,16 +227,16 @@ def walk(
                 args_at = tables.args_at[node]
                 arity = tables.arity[solid]
                 if tables.models_at[node] >= 0:
-                    args_at = _find_model(tables.models, tables.models_at[node], code_stack)
+                    args_at = find_model(tables.models, tables.models_at[node], code_stack)
                     if args_at < 0:
-                        _note(fault, node, -1, chain)
+                        note_fault(fault, node, -1, chain)
                         return BAD_ARGUMENT, 0
                 elif code_at[node] >= 0:
                     args = code_stack
                     args_at = 0
                     at = solid * MAX_LEAF_ARGS
-                    if not _args_are_legal(tables.low, tables.high, at, args, arity):
-                        _note(fault, node, -1, chain)
+                    if not args_are_legal(tables.low, tables.high, at, args, arity):
+                        note_fault(fault, node, -1, chain)
                         return BAD_ARGUMENT, 0
                 sheet = tables.sheet[node] == 1
                 if way == MEMBERSHIP:
@@ -431,8 +286,8 @@ def walk(
                     if found == 0 or lo < best - tolerance(best):
                         found = 1
                         first_hit[0] = lo
-                        _write_record(records, 0, ray, params, attribute_slot, args, args_at, arity)
-                        _describe_record(record_about, 0, node, chain, flip)
+                        write_record(records, 0, ray, params, attribute_slot, args, args_at, arity)
+                        describe_record(record_about, 0, node, chain, flip)
                         m = chain_map(kind_of, detail_of, matrices, chain_of, chain_matrices, chain)
                         store_affine(first_hit, 1, m)
                         best = lo
@@ -442,26 +297,26 @@ def walk(
                     break
                 if used:
                     at = record_top * RECORD
-                    _write_record(records, at, ray, params, attribute_slot, args, args_at, arity)
-                    _describe_record(record_about, record_top, node, chain, flip)
+                    write_record(records, at, ray, params, attribute_slot, args, args_at, arity)
+                    describe_record(record_about, record_top, node, chain, flip)
                     record_top += 1
                 break
             else:
                 # Into the first operand; a frame waits with what the others need.
                 if frame_top == max_frames:
                     return FRAMES_FULL, 0
-                at = frame_top * _FRAME
-                frames[at + _F_NODE] = node
-                frames[at + _F_NEXT] = 1
-                frames[at + _F_CHAIN] = chain
-                frames[at + _F_FLIP] = flip
-                frames[at + _F_DEPTH] = depth
-                frames[at + _F_CHAIN_TOP] = chain_top
-                frames[at + _F_RECORD_TOP] = record_top
-                frames[at + _F_START] = event_top
-                frames[at + _F_MIDDLE] = event_top
-                frames[at + _F_LISTS] = 1 if lists else 0
-                _save(states, frame_top * width, ray, origin, params, n_params)
+                at = frame_top * FRAME
+                frames[at + F_NODE] = node
+                frames[at + F_NEXT] = 1
+                frames[at + F_CHAIN] = chain
+                frames[at + F_FLIP] = flip
+                frames[at + F_DEPTH] = depth
+                frames[at + F_CHAIN_TOP] = chain_top
+                frames[at + F_RECORD_TOP] = record_top
+                frames[at + F_START] = event_top
+                frames[at + F_MIDDLE] = event_top
+                frames[at + F_LISTS] = 1 if lists else 0
+                save_state(states, frame_top * width, ray, origin, params, n_params)
                 frame_top += 1
                 if detail_of[node] != _UNION:
                     lists = True
@@ -470,14 +325,14 @@ def walk(
         # Up to the next operation that has operands left.
         resumed = False
         while frame_top > 0:
-            top = (frame_top - 1) * _FRAME
-            node = frames[top + _F_NODE]
+            top = (frame_top - 1) * FRAME
+            node = frames[top + F_NODE]
             operator = detail_of[node]
-            done = frames[top + _F_NEXT]
-            start = frames[top + _F_START]
-            middle = frames[top + _F_MIDDLE]
+            done = frames[top + F_NEXT]
+            start = frames[top + F_START]
+            middle = frames[top + F_MIDDLE]
             if not lists:
-                chain_top = frames[top + _F_CHAIN_TOP]
+                chain_top = frames[top + F_CHAIN_TOP]
             else:
                 if done > 1 and event_top > middle > start:
                     n = merge(
@@ -499,17 +354,19 @@ def walk(
                 elif done > 1 and event_top == middle and operator == _INTERSECTION:
                     event_top = start
                 if event_top == start:
-                    chain_top = frames[top + _F_CHAIN_TOP]
-                    record_top = frames[top + _F_RECORD_TOP]
+                    chain_top = frames[top + F_CHAIN_TOP]
+                    record_top = frames[top + F_RECORD_TOP]
                     if operator != _UNION:
                         done = count[node]
             if done < count[node]:
-                chain = frames[top + _F_CHAIN]
-                flip = frames[top + _F_FLIP]
-                depth = frames[top + _F_DEPTH]
-                ray, origin = _restore(states, (frame_top - 1) * width, world, params, n_params)
-                frames[top + _F_NEXT] = done + 1
-                frames[top + _F_MIDDLE] = event_top
+                chain = frames[top + F_CHAIN]
+                flip = frames[top + F_FLIP]
+                depth = frames[top + F_DEPTH]
+                ray, origin = restore_state(
+                    states, (frame_top - 1) * width, world, params, n_params
+                )
+                frames[top + F_NEXT] = done + 1
+                frames[top + F_MIDDLE] = event_top
                 if operator == _DIFFERENCE:
                     flip = 1 - flip
                 if not lists and done + 1 == count[node]:
@@ -518,7 +375,7 @@ def walk(
                 resumed = True
                 break
             frame_top -= 1
-            if lists and frames[top + _F_LISTS] == 0:
+            if lists and frames[top + F_LISTS] == 0:
                 # The outermost operation with lists is complete: its first event counts.
                 lists = False
                 inside = False
@@ -528,7 +385,7 @@ def walk(
                     if not sheet:
                         inside = not inside
                         starts_within = inside and t <= world.tmin + tolerance(world.tmin)
-                        if starts_within and event_t[_leave(event_about, k)] >= near:
+                        if starts_within and event_t[leave_events(event_about, k)] >= near:
                             return OK, -1
                     if t < world.tmin or t > world.tmax:
                         continue
@@ -545,62 +402,6 @@ def walk(
                     break
                 event_top = 0
                 record_top = 1
-                chain_top = frames[top + _F_CHAIN_TOP]
+                chain_top = frames[top + F_CHAIN_TOP]
         if not resumed:
             return OK, (event_top if way != SHRINK else found)
-
-
-@njit
-def _leave(event_about: NDArray[np.int32], k: int) -> int:
-    """Return the event that leaves what event k enters."""
-    k += 1
-    while event_about[2 * k + 1] == SHEET:
-        k += 1
-    return k
-
-
-@njit
-def _note(fault: NDArray[np.int32], node: int, instruction: int, chain: int) -> None:
-    fault[0] = node
-    fault[1] = instruction
-    fault[2] = chain
-
-
-@njit
-def _save(
-    states: NDArray[np.float64],
-    at: int,
-    ray: Ray,
-    origin: Vec3,
-    params: NDArray[np.float64],
-    n_params: int,
-) -> None:
-    for k in range(6):
-        states[at + k] = ray[k]
-    for k in range(3):
-        states[at + 6 + k] = origin[k]
-    for k in range(n_params):
-        states[at + _STATE + k] = params[k]
-
-
-@njit
-def _restore(
-    states: NDArray[np.float64],
-    at: int,
-    world: Ray,
-    params: NDArray[np.float64],
-    n_params: int,
-) -> tuple[Ray, Vec3]:
-    for k in range(n_params):
-        params[k] = states[at + _STATE + k]
-    ray = Ray(
-        states[at],
-        states[at + 1],
-        states[at + 2],
-        states[at + 3],
-        states[at + 4],
-        states[at + 5],
-        world.tmin,
-        world.tmax,
-    )
-    return ray, Vec3(states[at + 6], states[at + 7], states[at + 8])

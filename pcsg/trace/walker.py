@@ -20,9 +20,10 @@ from pcsg.graph.bounds import hyper_boxes
 from pcsg.graph.expr import Parameter
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.nodes import Leaf, Node, Selection
-from pcsg.graph.states import LeafStep, StateGraph, enumerate_states
+from pcsg.graph.states import LeafStep, StateGraph
+from pcsg.graph.unroll import enumerate_states
 from pcsg.leaf.registry import Pool
-from pcsg.trace import walk
+from pcsg.trace import walk_space as ended
 from pcsg.trace.batch import (
     CONTAINS,
     INTERVALS,
@@ -37,7 +38,7 @@ from pcsg.trace.pool import pool_of
 from pcsg.trace.rays import Rays, check_points, check_rays, count_processors, run_chunks
 from pcsg.trace.surface import Surface, make_surface
 from pcsg.trace.tables import Models, Tables, pack
-from pcsg.trace.walk import RECORD, Scratch
+from pcsg.trace.walk_space import RECORD, Scratch
 
 
 class _Buffers:
@@ -58,13 +59,13 @@ class _Buffers:
         EnvironmentFault
             The memory for this thread is used up.
         """
-        if status == walk.FRAMES_FULL:
+        if status == ended.FRAMES_FULL:
             self._frames *= 2
-        elif status == walk.CHAIN_FULL:
+        elif status == ended.CHAIN_FULL:
             self._chain *= 2
-        elif status == walk.EVENTS_FULL:
+        elif status == ended.EVENTS_FULL:
             self._events *= 2
-        elif status == walk.CROSSINGS_FULL:
+        elif status == ended.CROSSINGS_FULL:
             self._crossings *= 2
         else:
             self._records *= 2
@@ -100,12 +101,12 @@ class _Buffers:
 
 
 _FAULTS = {
-    walk.NOT_FINITE: faults.NOT_FINITE,
-    walk.UNASSIGNED: faults.UNASSIGNED_PARAMETER,
-    walk.SELECTION_RANGE: faults.SELECTION_RANGE,
-    walk.SINGULAR: faults.SINGULAR_MATRIX,
-    walk.BAD_ARGUMENT: faults.BAD_ARGUMENT,
-    walk.TOO_DEEP: faults.DEPTH_LIMIT,
+    ended.NOT_FINITE: faults.NOT_FINITE,
+    ended.UNASSIGNED: faults.UNASSIGNED_PARAMETER,
+    ended.SELECTION_RANGE: faults.SELECTION_RANGE,
+    ended.SINGULAR: faults.SINGULAR_MATRIX,
+    ended.BAD_ARGUMENT: faults.BAD_ARGUMENT,
+    ended.TOO_DEEP: faults.DEPTH_LIMIT,
 }
 
 
@@ -241,7 +242,7 @@ class Walker:
         def work(begin: int, end: int, scratch: Scratch) -> tuple[int, int]:
             room = 2 * (end - begin) + 64
             out = Intervals(counts, np.empty(room), np.empty(room))
-            i, used, status = begin, 0, walk.OK
+            i, used, status = begin, 0, ended.OK
             while i < end:
                 status, i, used = self._trace(
                     scratch, INTERVALS, rays, i, end, intervals=out, used=used
@@ -251,7 +252,7 @@ class Walker:
                     out = Intervals(
                         counts, np.concatenate([out.t_in, more]), np.concatenate([out.t_out, more])
                     )
-                elif status != walk.OK:
+                elif status != ended.OK:
                     break
             parts[begin] = out.t_in[:used].copy(), out.t_out[:used].copy()
             return status, i
@@ -304,9 +305,9 @@ class Walker:
         i = begin
         while i < end:
             status, i = work(i, end, buffers.scratch)
-            if status >= walk.FRAMES_FULL:
+            if status >= ended.FRAMES_FULL:
                 buffers.grow(status)
-            elif status != walk.OK:
+            elif status != ended.OK:
                 raise self._fault(status, buffers.scratch)
 
     def _fault(self, status: int, scratch: Scratch) -> EvaluationFault:
@@ -334,21 +335,21 @@ class Walker:
     def _fault_detail(self, status: int, node: int, instruction: int, scratch: Scratch) -> str:
         """Return what the walker knows of a fault beyond its kind."""
         found = self.graph.nodes[node]
-        if status == walk.SELECTION_RANGE and isinstance(found, Selection):
+        if status == ended.SELECTION_RANGE and isinstance(found, Selection):
             rules = ", ".join(str(rule) for rule in sorted(found.rules))
             return f"its value is {scratch.stack[0]:g}, the rules are {rules}"
-        if status == walk.BAD_ARGUMENT and isinstance(found, Leaf) and found.constants:
+        if status == ended.BAD_ARGUMENT and isinstance(found, Leaf) and found.constants:
             given = zip(found.parameters, scratch.stack, strict=False)
             return "there is no model for " + ", ".join(f"{p.name} = {x:g}" for p, x in given)
-        if status == walk.BAD_ARGUMENT and isinstance(found, Leaf):
+        if status == ended.BAD_ARGUMENT and isinstance(found, Leaf):
             return ", ".join(
                 f"{p.name} is {x:g}, it must be {p.condition}"
                 for p, x in zip(found.parameters, scratch.stack, strict=False)
             )
-        if status == walk.UNASSIGNED:
+        if status == ended.UNASSIGNED:
             expr = self._program.exprs[instruction]
             return f"`{expr.name}`" if isinstance(expr, Parameter) else ""
-        if status == walk.TOO_DEEP:
+        if status == ended.TOO_DEEP:
             return f"{self.tables.depth_limit} selections on one path"
         return ""
 

@@ -19,7 +19,7 @@ from pcsg.graph.graph import Graph
 from pcsg.graph.hulls import Hulls
 from pcsg.graph.nodes import Node, Selection
 from pcsg.graph.ranges import range_boxes
-from pcsg.graph.states import enumerate_states
+from pcsg.graph.unroll import enumerate_states
 from pcsg.leaf.registry import Box
 
 halfspace, box, empty = prefix("halfspace"), prefix("box"), prefix("empty")

@@ -19,14 +19,8 @@ from pcsg.graph.expr import P, call, if_
 from pcsg.graph.graph import Graph
 from pcsg.graph.nodes import Node, as_node
 from pcsg.graph.operators import DIFFERENCE
-from pcsg.graph.states import (
-    STEPS_PER_STATE,
-    Combine,
-    LeafItem,
-    StateGraph,
-    StateItem,
-    enumerate_states,
-)
+from pcsg.graph.states import Combine, LeafItem, StateGraph, StateItem
+from pcsg.graph.unroll import STEPS_PER_STATE, enumerate_states
 
 
 @pytest.mark.parametrize("order", [0, 1, 6, 40])

@@ -25,7 +25,7 @@ def populus() -> GrowthModel:
 @pytest.fixture(scope="module")
 def tree(populus: GrowthModel) -> tuple[State, Model]:
     state = populus.at(7.6)
-    return state, Model(wood_field(state))
+    return state, state.blobtree()
 
 
 def radii(model: Model, points: np.ndarray, out: np.ndarray, about: np.ndarray) -> np.ndarray:

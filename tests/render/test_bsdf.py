@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pcsg.render.bsdf import Matter, _mix_at, _regain, albedo_tables, scatter_batch
+from pcsg.render.albedo import albedo_tables
+from pcsg.render.bsdf import Matter, _mix_at, _regain, scatter_batch
 from pcsg.render.sampler import Sampler
 
 KINDS = {

@@ -14,7 +14,7 @@ from oracle import Event
 
 from pcsg.graph.binding import make_recipes
 from pcsg.graph.graph import GLOBALS, Graph
-from pcsg.graph.states import enumerate_states
+from pcsg.graph.unroll import enumerate_states
 from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.store import BLOCK_MEMORY
 from pcsg.trace.tracer import StatesTracer

@@ -22,7 +22,7 @@ from pcsg.graph.build import C, S
 from pcsg.graph.expr import P, call, if_
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.nodes import Calculation, Node
-from pcsg.graph.states import enumerate_states
+from pcsg.graph.unroll import enumerate_states
 from pcsg.scene import Scene
 from pcsg.trace.tracer import Walker
 

@@ -15,13 +15,13 @@ from agreement import ENGINES
 
 from pcsg import Scene
 from pcsg.errors import EvaluationFault, GrammarError, UsageError
-from pcsg.graph import states
+from pcsg.graph import unroll
 from pcsg.graph.bounds import hyper_boxes
 from pcsg.graph.build import CONSTRUCTORS, C, S
 from pcsg.graph.expr import Expr, P, as_expr, call, if_
 from pcsg.graph.graph import Graph
 from pcsg.graph.nodes import Leaf, Node, Selection
-from pcsg.graph.states import enumerate_states
+from pcsg.graph.unroll import enumerate_states
 from pcsg.leaf.mesh import Mesh, MeshModel, mesh_of_arrays
 from pcsg.leaf.registry import Constant, LeafParameter
 from pcsg.trace.pool import pool_of
@@ -153,13 +153,13 @@ def test_at_most_64_models() -> None:
 
 
 def test_models_share_a_budget_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(states, "MODELS_BYTES", 4 * prism(1.0).data.nbytes)
+    monkeypatch.setattr(unroll, "MODELS_BYTES", 4 * prism(1.0).data.nbytes)
     assert codes(tower(lambda c: 1.0 + c, 3)) == []
     assert codes(tower(lambda c: 1.0 + c, 4))[:1] == ["too-many-models"]
 
 
 def test_constant_models_are_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(states, "MODELS_LIMIT", 0)
+    monkeypatch.setattr(unroll, "MODELS_LIMIT", 0)
     assert codes(tower(lambda c: 1.0, 3)) == []
     assert codes(tower(lambda c: 1.0 + c, 3)) != []
 

@@ -18,7 +18,7 @@ from pcsg.graph.graph import Graph
 from pcsg.graph.hulls import Hulls
 from pcsg.graph.nodes import Node
 from pcsg.graph.operators import DIFFERENCE, INTERSECTION
-from pcsg.graph.states import enumerate_states
+from pcsg.graph.unroll import enumerate_states
 from pcsg.trace.blocks import Blocks, build_blocks
 from pcsg.trace.groups import (
     BLOCK,

@@ -1,0 +1,386 @@
+"""Enumerating the states of a graph: depth first, those that are alike only once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from struct import Struct
+
+from pcsg.errors import UsageError
+from pcsg.graph.attributes import ATTRIBUTE_SLOTS
+from pcsg.graph.code import GraphCode, NodeFault, compose_affine, invert_affine
+from pcsg.graph.expr import functions_of, parameters_of
+from pcsg.graph.faults import BAD_ARGUMENT, DEPTH_LIMIT, TOO_MANY_MODELS, fault_diagnostic
+from pcsg.graph.functions import FUNCTIONS, Form
+from pcsg.graph.graph import Graph
+from pcsg.graph.liveness import Liveness, successors_first
+from pcsg.graph.nodes import Leaf, Operation, Selection, Transformation
+from pcsg.graph.operators import UNION
+from pcsg.graph.states import (
+    Combine,
+    Item,
+    LeafItem,
+    LeafStep,
+    OperationStep,
+    Start,
+    State,
+    StateGraph,
+    StateItem,
+    StateStep,
+    Step,
+    UnaryStep,
+)
+from pcsg.vec import IDENTITY, Affine
+
+BUDGET = 4_000
+"""States that are enumerated unless the caller says otherwise."""
+
+
+STEPS_PER_STATE = 10
+"""The budget of node visits, per state of the budget of states."""
+
+
+MODELS_LIMIT, MODELS_BYTES = 64, 2 << 30
+"""Models of leaves with data whose numbers are not constants: most of them, and of their memory."""
+
+
+DIAGNOSTICS_LIMIT = 20
+"""Faults that are reported; each place in the text once."""
+
+
+def enumerate_states(
+    graph: Graph,
+    globals_values: Mapping[str, float] | None = None,
+    budget: int = BUDGET,
+    depth_limit: int = 10_000,
+    starts: Sequence[Start] | None = None,
+    without: Collection[int] = (),
+) -> StateGraph:
+    """Unroll a graph over its states.
+
+    Parameters
+    ----------
+    globals_values
+        Values of SEED, TIME and the like; by default those of `GLOBALS`.
+    budget
+        Most states; it bounds the visits to nodes too, by STEPS_PER_STATE each.
+    depth_limit
+        Most selections on a path.
+    starts
+        Where to begin in place of the axiom: state 0 is then their union.
+    without
+        Nodes that are taken to be empty.
+
+    Returns
+    -------
+    StateGraph
+        With `finite` False where the budget ended first, and with the faults met.
+    """
+    unroller = _Unroller(graph, globals_values, budget, without)
+    unroller.run(starts)
+    _check_depth(unroller.found, depth_limit)
+    return unroller.found
+
+
+class _Unroller:
+    """Enumerates states depth first, so that endless recursion shows itself by its depth."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        globals_values: Mapping[str, float] | None,
+        budget: int,
+        without: Collection[int] = (),
+    ) -> None:
+        self.graph = graph
+        self.without = without
+        self.liveness = Liveness(graph)
+        self.code = GraphCode(graph, self.liveness)
+        self.cuts = cuts(graph)
+        self.budget = budget
+        self.found = StateGraph(graph, [State(0, 0, 0, (), -1)])
+        self.initial = self.code.initial(globals_values)
+        self.unassigned = [math.nan] * len(self.initial)
+        self.attributes = [self.code.slots[name] for name in ATTRIBUTE_SLOTS]
+        self.index: dict[tuple[int, int, bytes], int] = {}
+        self.pending: list[int] = []
+        self.pack = {k: Struct(f"{len(s)}d").pack for k, s in enumerate(self.liveness.slots)}
+        self.reported: set[object] = set()
+        self.models: dict[tuple[object, ...], int] = {}  # bytes
+        self.frame_mask = 1 << self.code.frame_slot if self.code.frame_slot >= 0 else 0
+
+    def run(self, starts: Sequence[Start] | None = None) -> None:
+        """Expand states until none is left or the budget is spent."""
+        states = self.found.states
+        visits = 0
+        todo = [0] if starts is None else self._begin(starts)
+        while todo:
+            k = todo.pop()
+            self.pending.clear()
+            self._expand(k)
+            visits += len(states[k].steps)
+            todo.extend(reversed(self.pending))
+            if todo and (len(states) > self.budget or visits > STEPS_PER_STATE * self.budget):
+                self.found.finite = False
+                self._check_models()
+                return
+
+    def _begin(self, starts: Sequence[Start]) -> list[int]:
+        """Make state 0 the union of what the starts lead to, and return those states."""
+        found = []
+        for start in starts:
+            params = self.unassigned.copy()
+            for name, value in start.values:
+                params[self.code.slots[name]] = value
+            found.append(self._intern(start.node, params, 0))
+        axiom = self.found.states[0]
+        arity = len(found)
+        items = (StateItem(IDENTITY, k) for k in found)
+        axiom.content = (*items, Combine(UNION, arity))
+        visits = (StateStep(start.node, k) for start, k in zip(starts, found, strict=True))
+        axiom.steps = (*visits, OperationStep(0, UNION, arity))
+        return list(dict.fromkeys(found))
+
+    def _expand(self, k: int) -> None:
+        """Fill in the content of a state."""
+        state = self.found.states[k]
+        params = self.initial.copy() if k == 0 else self.unassigned.copy()
+        for slot, value in zip(self.liveness.slots[state.start], state.values, strict=False):
+            params[slot] = value
+        content: list[Item] = []
+        steps: list[Step] = []
+        self._visit(k, params, content, steps)
+        state.content, state.steps = tuple(content), tuple(steps)
+
+    def _visit(
+        self,
+        k: int,
+        params: list[float],
+        content: list[Item],
+        steps: list[Step],
+    ) -> None:
+        """Walk a right-hand side; what a branch assigns stays in the branch."""
+        graph, code = self.graph, self.code
+        start = self.found.states[k].start
+        # A large shared expression begins a state where it is met, but not its own.
+        opened = start if k > 0 and start == self.found.states[k].node else -1
+        stack: list[tuple[int, list[float], Affine] | Step] = [(start, params, IDENTITY)]
+        while stack:
+            entry = stack.pop()
+            if isinstance(entry, (UnaryStep, OperationStep)):
+                steps.append(entry)
+                if isinstance(entry, OperationStep):
+                    content.append(Combine(entry.operator, entry.arity))
+                continue
+            n, params, matrix = entry  # type: ignore[misc]
+            if n in self.without:
+                steps.append(OperationStep(n, UNION, 0))
+                content.append(Combine(UNION, 0))
+                continue
+            node = graph.nodes[n]
+            is_cut = n in self.cuts and n != opened
+            opened = -1
+            try:
+                if is_cut:
+                    child = self._intern(n, params, k)
+                    steps.append(StateStep(n, child))
+                    content.append(StateItem(matrix, child))
+                elif isinstance(node, Leaf):
+                    args = code.leaf_arguments(n, params)
+                    if node.constants:
+                        self._count_model(n, node, args)
+                    attributes = tuple(params[a] for a in self.attributes)
+                    steps.append(LeafStep(n, args))
+                    content.append(LeafItem(matrix, n, args, attributes))
+                elif isinstance(node, Operation):
+                    below = graph.successors[n]
+                    stack.append(OperationStep(n, node.operator, len(below)))
+                    stack.extend((s, params, matrix) for s in reversed(below))
+                elif isinstance(node, Transformation):
+                    (s,) = graph.successors[n]
+                    m = code.matrix(n, params)
+                    if self.liveness.masks[s] & self.frame_mask:
+                        params = code.frame_below(params, m)
+                    stack.append(UnaryStep(n, m))
+                    stack.append((s, params, compose_affine(matrix, m)))
+                else:
+                    (s,) = graph.successors[n]
+                    stack.append(UnaryStep(n, None))
+                    stack.append((s, code.assign(n, params), matrix))
+            except NodeFault as fault:
+                self._report(fault, k, params)
+                steps.append(OperationStep(n, UNION, 0))
+                content.append(Combine(UNION, 0))
+
+    def _intern(self, n: int, params: list[float], parent: int) -> int:
+        """Return the number of a state, a new one if it was not met before."""
+        node = self.graph.nodes[n]
+        rule, start = 0, n
+        if isinstance(node, Selection):
+            rule = self.code.select(n, params)
+            start = self.graph.number[node.rules[rule]]
+        values = tuple([params[slot] for slot in self.liveness.slots[start]])
+        key = n, rule, self.pack[start](*values)
+        k = self.index.get(key)
+        if k is None:
+            k = self.index[key] = len(self.found.states)
+            self.found.states.append(State(n, rule, start, values, parent))
+            self.pending.append(k)
+        return k
+
+    def _count_model(self, n: int, node: Leaf, args: tuple[float, ...]) -> None:
+        """Make the model of a leaf with data, and count those whose numbers differ by place."""
+        try:
+            model = node.model(args)
+        except UsageError as error:
+            raise NodeFault(BAD_ARGUMENT, n, None, str(error)) from None
+        key = node.solid, node.constants, args
+        if key in self.models or not _varies(node):
+            return
+        self.models[key] = model.data.nbytes
+        if len(self.models) > MODELS_LIMIT:
+            detail = f"its parameters take more than {MODELS_LIMIT} different values"
+            raise NodeFault(TOO_MANY_MODELS, n, None, detail)
+        if sum(self.models.values()) > MODELS_BYTES:
+            detail = f"{len(self.models)} of them need more than {MODELS_BYTES >> 30} GB"
+            raise NodeFault(TOO_MANY_MODELS, n, None, detail)
+
+    def _check_models(self) -> None:
+        """Report models that the states which were not enumerated may need."""
+        for n, node in enumerate(self.graph.nodes):
+            if isinstance(node, Leaf) and node.constants and _varies(node):
+                detail = "its parameters take more values than can be enumerated"
+                self._report(NodeFault(TOO_MANY_MODELS, n, None, detail), 0, self.initial)
+
+    def _report(self, fault: NodeFault, k: int, params: list[float]) -> None:
+        # One report for each place in the text, however many states meet it.
+        place = (fault.kind, fault.node, fault.span)
+        if place in self.reported or len(self.found.diagnostics) >= DIAGNOSTICS_LIMIT:
+            return
+        self.reported.add(place)
+        values = {name: params[self.code.slots[name]] for name in self.graph.parameters}
+        path = self.found.path(k)
+        self.found.diagnostics.append(
+            fault_diagnostic(
+                fault.kind, self.graph, fault.node, fault.span, path, values, fault.detail
+            )
+        )
+
+
+def _varies(node: Leaf) -> bool:
+    """Return whether the numbers of a leaf depend on the place."""
+    world = any(FUNCTIONS[f].form is Form.WORLD for f in functions_of(*node.args))
+    return world or bool(parameters_of(*node.args))
+
+
+_SHARED_SIZE = 250
+
+
+def cuts(graph: Graph) -> set[int]:
+    """Return the nodes where states begin: modules, and large expressions that are shared.
+
+    Definitions of definitions could otherwise grow exponentially within one state.
+    """
+    found = {k for k, node in enumerate(graph.nodes) if isinstance(node, Selection)}
+    uses = [0] * len(graph.nodes)
+    for below in graph.successors:
+        for s in below:
+            uses[s] += 1
+    size = [1] * len(graph.nodes)
+    for k in successors_first(graph.successors):
+        if k in found:
+            continue
+        size[k] = 1 + sum(size[s] for s in graph.successors[k])
+        if uses[k] > 1 and size[k] > _SHARED_SIZE:
+            found.add(k)
+            size[k] = 1
+    return found
+
+
+def _check_depth(found: StateGraph, limit: int) -> None:
+    """Report a path with more selections than allowed, and recursion without end.
+
+    A frame that shrinks below rounding on the way ends the recursion and is no fault.
+    """
+    position = {k: i for i, k in enumerate(found.children_first)}
+    for k in found.children_first:
+        back = [s for s in found.successors[k] if position[s] >= position[k]]
+        if back:
+            found.acyclic = False
+            chain = found._chain(back[0])
+            cycle = _way(found, back[0], k)
+            rounds = 1 + limit // max(1, sum(found._is_selection(s) for s in cycle))
+            _report_depth(found, chain + (cycle[1:] + cycle[:1]) * rounds, limit)
+            return
+    depth = [0] * len(found.states)
+    deepest = [-1] * len(found.states)
+    for k in found.children_first:
+        for s in found.successors[k]:
+            if deepest[k] < 0 or depth[s] > depth[deepest[k]]:
+                deepest[k] = s
+        below = depth[deepest[k]] if deepest[k] >= 0 else 0
+        depth[k] = below + found._is_selection(k)
+    if depth[0] > limit:
+        chain, k = [], deepest[0]
+        while k >= 0:
+            chain.append(k)
+            k = deepest[k]
+        _report_depth(found, chain, limit)
+
+
+def _way(found: StateGraph, start: int, end: int) -> list[int]:
+    """Return a way from one state to another, both included."""
+    before = {start: start}
+    queue = [start]
+    for k in queue:
+        if k == end:
+            break
+        for s in found.successors[k]:
+            if s not in before:
+                before[s] = k
+                queue.append(s)
+    way = [end]
+    while way[-1] != start:
+        way.append(before[way[-1]])
+    return way[::-1]
+
+
+def _report_depth(found: StateGraph, chain: list[int], limit: int) -> None:
+    """Report a chain of states that exceeds the limit, unless its frame shrinks to nothing."""
+    local_from_world = IDENTITY
+    path: list[tuple[str, int]] = []
+    above = 0
+    for k in chain:
+        content = found.states[above].content or ()
+        item = next(i for i in content if isinstance(i, StateItem) and i.state == k)
+        local_from_world = compose_affine(invert_affine(item.state_from_child)[0], local_from_world)
+        if _is_shrunk(local_from_world):
+            return
+        above = k
+        if found._is_selection(k):
+            path.append(found._link(k))
+        if len(path) > limit:
+            break
+    last = found.states[above]
+    slots = tuple(found.graph.slots)
+    live = Liveness(found.graph).slots[last.start]
+    values = {slots[i]: v for i, v in zip(live, last.values, strict=True)}
+    found.diagnostics.append(
+        fault_diagnostic(
+            DEPTH_LIMIT,
+            found.graph,
+            last.node,
+            None,
+            path,
+            values,
+            f"more than {limit} modules on a path",
+        )
+    )
+
+
+def _is_shrunk(m: Affine) -> bool:
+    """Return whether a frame is below rounding; see docs/solids.md, ends of recursion."""
+    # The negations also answer for NaN, from products beyond the range of numbers.
+    near = max(abs(m.m03), abs(m.m13), abs(m.m23)) <= 2.0**52
+    linear = (m.m00, m.m01, m.m02, m.m10, m.m11, m.m12, m.m20, m.m21, m.m22)
+    return not near or not max(map(abs, linear)) <= 1e150
