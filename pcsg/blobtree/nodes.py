@@ -6,6 +6,7 @@ its weight. Nothing is computed here; `pcsg.blobtree.model.Model` makes arrays o
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -392,3 +393,30 @@ def below(root: Field) -> list[Field]:
             todo.append((node, True))
             todo.extend((child, False) for child in reversed(children_of(node)))
     return order
+
+
+def digest_of(root: Field) -> str:
+    """Return a digest of an expression, equal where kinds, numbers and sharing are."""
+    digest = hashlib.sha256()
+    number: dict[int, int] = {}
+
+    def add(value: object) -> None:
+        if isinstance(value, Field):
+            digest.update(f"#{number[id(value)]} ".encode())
+        elif isinstance(value, np.ndarray):
+            digest.update(f"{value.dtype} {value.shape} ".encode())
+            digest.update(value.tobytes())
+        elif isinstance(value, tuple):
+            digest.update(f"({len(value)} ".encode())
+            for part in value:
+                add(part)
+        else:
+            told = value.__name__ if isinstance(value, type) else repr(value)
+            digest.update(f"{told} ".encode())
+
+    for k, node in enumerate(below(root)):
+        add(type(node))
+        for name in node.__dataclass_fields__:  # type: ignore[attr-defined]  # every kind has them
+            add(getattr(node, name))
+        number[id(node)] = k
+    return digest.hexdigest()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -19,12 +20,14 @@ from pcsg.blobtree.skeletons import SKELETONS
 from pcsg.blobtree.warps import WARPS
 from pcsg.errors import SourceSpan, UsageError
 from pcsg.grammar import syntax
+from pcsg.grammar.fieldtext import write_fields
 from pcsg.grammar.names import ModuleEntry, Names
 from pcsg.grammar.syntax import Solid
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.expr import Expr, Parameter, parameters_of
 from pcsg.graph.graph import GLOBALS
 from pcsg.graph.tape import Fault, Program
+from pcsg.graph.text import BracedText
 from pcsg.graph.transforms import TRANSFORMS
 from pcsg.jit import plain
 from pcsg.leaf.blob import BlobSource
@@ -61,33 +64,18 @@ STEPS = 2_000_000
 """Most nodes of a blob."""
 
 
-def inner(solid: Solid) -> Iterator[Solid | syntax.Block | syntax.Unary]:
-    """Yield every part of an expression, those in the braces of blobs and blends, too."""
-    stack: list[Solid | syntax.Block | syntax.Unary] = [solid]
-    while stack:
-        item = stack.pop()
-        yield item
-        if isinstance(item, syntax.Combination):
-            stack.extend(reversed(item.operands))
-        elif isinstance(item, syntax.Prefixed):
-            stack.append(item.operand)
-            stack.extend(reversed(item.prefixes))
-        elif isinstance(item, (syntax.Blob, syntax.BlendUse)):
-            stack.extend(reversed(item.fields))
-
-
 def field_names(names: Names) -> set[str]:
     """Return the modules and definitions that blobs use, directly or through others."""
     found: set[str] = set()
     todo: list[Solid] = []
     for body in _bodies(names):
-        todo += [part for part in inner(body) if isinstance(part, syntax.Blob)]
+        todo += [part for part in syntax.inner(body) if isinstance(part, syntax.Blob)]
     while todo:
-        for part in inner(todo.pop()):
+        for part in syntax.inner(todo.pop()):
             if isinstance(part, syntax.Use) and part.name not in found:
                 if part.name in names.modules:
                     found.add(part.name)
-                    todo += [r for r in _rules(names.modules[part.name]).values() if r is not None]
+                    todo += [r for r in names.modules[part.name].solids.values() if r is not None]
                 elif part.name in names.definitions:
                     found.add(part.name)
                     solid = names.definitions[part.name].solid
@@ -98,15 +86,9 @@ def field_names(names: Names) -> set[str]:
 def _bodies(names: Names) -> Iterator[Solid]:
     solids: list[Solid | None] = [names.axiom.solid] if names.axiom else []
     for entry in names.modules.values():
-        solids += _rules(entry).values()
+        solids += entry.solids.values()
     solids += [d.solid for d in names.definitions.values()]
     yield from (s for s in solids if s is not None)
-
-
-def _rules(entry: ModuleEntry) -> dict[int, Solid | None]:
-    if entry.attributed:
-        return {k + 1: rule.solid for k, rule in enumerate(entry.attributed)}
-    return {k: rule.solid for k, rule in entry.rules.items()}
 
 
 def numbers_read(names: Names, root: Solid, fields: set[str]) -> list[str]:
@@ -132,7 +114,7 @@ def _read_by_name(names: Names, name: str, live: Mapping[str, frozenset[str]]) -
         return _read_by(solid, names, live) if solid is not None else frozenset()
     entry = names.modules[name]
     found: set[str] = set()
-    for rule in _rules(entry).values():
+    for rule in entry.solids.values():
         found |= _read_by(rule, names, live) if rule is not None else frozenset()
     if entry.declaration:
         found |= parameters_of(entry.declaration.select)
@@ -216,7 +198,7 @@ class GrammarBlob(BlobSource):
         every: set[str] = set(self.parameters) | set(GLOBALS)
         for name in fields:
             bodies = (
-                _rules(names.modules[name]).values()
+                names.modules[name].solids.values()
                 if name in names.modules
                 else [names.definitions[name].solid]
             )
@@ -233,6 +215,17 @@ class GrammarBlob(BlobSource):
         self._program = Program(self._slots)
         self._code: dict[int, int] = {}
         self._kept: list[object] = []
+
+    @cached_property
+    def braced(self) -> BracedText:
+        """The blob, and what it uses, as text."""
+        return write_fields(self._names, self._solid)
+
+    @property
+    def signature(self) -> object:
+        """The text."""
+        tokens, modules, definitions = self.braced
+        return tuple(tokens), (*modules.items(), *definitions.items())
 
     def build(self, values: Sequence[float]) -> Field:
         """Unroll the blob for values of what it reads."""
@@ -309,7 +302,7 @@ class GrammarBlob(BlobSource):
             numbers = self._numbers(use.arguments.values, params, use.span)
             for name, number in zip(entry.formals, numbers, strict=False):
                 params[self._slots[name]] = number
-        rules = _rules(entry)
+        rules = entry.solids
         solid = rules.get(self._select(entry, params, use.span))
         if solid is None:
             raise UsageError(f"{_place(use.span)}no rule of `{use.name}` is selected")
@@ -383,7 +376,7 @@ class GrammarBlob(BlobSource):
 def _names_in(solid: Solid) -> set[str]:
     """Return every parameter that is read or assigned in an expression."""
     found: set[str] = set()
-    for part in inner(solid):
+    for part in syntax.inner(solid):
         if isinstance(part, syntax.Block):
             for name, expr in part.assignments:
                 found |= {name.text} | parameters_of(expr)

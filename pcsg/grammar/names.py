@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, SourceSpan, UsageError
 from pcsg.grammar import syntax
-from pcsg.grammar.syntax import Name, Rule
+from pcsg.grammar.syntax import Name, Rule, Solid
 from pcsg.leaf.registry import Constant
 
 
@@ -34,6 +34,13 @@ class ModuleEntry:
     def formals(self) -> tuple[str, ...] | None:
         """The formals of the attributed form, None in the numbered one."""
         return tuple(f.text for f in self.attributed[0].formals) if self.attributed else None
+
+    @property
+    def solids(self) -> dict[int, Solid | None]:
+        """What each rule derives, by its number; None where it is broken."""
+        if self.attributed:
+            return {k + 1: rule.solid for k, rule in enumerate(self.attributed)}
+        return {k: rule.solid for k, rule in self.rules.items()}
 
 
 @dataclass

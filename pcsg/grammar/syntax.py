@@ -5,6 +5,7 @@ Arithmetic is kept as expressions of the graph at once, because their trees are 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from pcsg.errors import SourceSpan
@@ -114,6 +115,21 @@ class BlendUse:
 
 
 Solid = Use | Primitive | Prefixed | Combination | Blob | BlendUse
+
+
+def inner(solid: Solid) -> Iterator[Solid | Block | Unary]:
+    """Yield every part of an expression, those in the braces of blobs and blends, too."""
+    stack: list[Solid | Block | Unary] = [solid]
+    while stack:
+        item = stack.pop()
+        yield item
+        if isinstance(item, Combination):
+            stack.extend(reversed(item.operands))
+        elif isinstance(item, Prefixed):
+            stack.append(item.operand)
+            stack.extend(reversed(item.prefixes))
+        elif isinstance(item, (Blob, BlendUse)):
+            stack.extend(reversed(item.fields))
 
 
 # Items of a file.

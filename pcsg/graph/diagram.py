@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pcsg.graph.display import text_width
+from pcsg.graph.exprtext import expr_text
 from pcsg.graph.graph import Graph
 from pcsg.graph.nodes import (
     Attribute,
@@ -20,7 +21,7 @@ from pcsg.graph.nodes import (
     Transformation,
 )
 from pcsg.graph.operators import DIFFERENCE
-from pcsg.graph.text import assignment_texts, expr_text, node_text
+from pcsg.graph.text import assignment_texts, node_text
 
 SIZE = 13.0
 NAME_SIZE = 17.0

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from pcsg.errors import UsageError
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.expr import Apply, Expr, Number, Parameter, parameters_of, signature
+from pcsg.graph.exprtext import call_text, expr_text
 from pcsg.graph.graph import Graph, expressions
 from pcsg.graph.nodes import (
     Attribute,
@@ -20,93 +21,46 @@ from pcsg.graph.nodes import (
     Selection,
     Transformation,
 )
+from pcsg.graph.operators import Operator
 from pcsg.graph.pretty import Mark, Token, format_tokens
 from pcsg.graph.settings import Setting, ValueKind
 from pcsg.graph.transforms import TRANSFORMS
 from pcsg.leaf import LEAF_NAMES
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
-# How tightly arithmetic binds, as in Python.
-_OR, _AND, _NOT, _COMPARE, _ADD, _MULTIPLY, _NEGATE, _POWER, _ATOM = range(1, 10)
+UNARY = 100
+"""How tightly unary operators bind; operators on solids bind by their precedence."""
 
-# Of every infix operator: how tightly it binds, and what its two sides must at least.
-_INFIX = {
-    "or": (_OR, _OR, _AND),
-    "and": (_AND, _AND, _NOT),
-    **dict.fromkeys(("<", "<=", ">", ">=", "==", "!="), (_COMPARE, _ADD, _ADD)),
-    **dict.fromkeys(("+", "-"), (_ADD, _ADD, _MULTIPLY)),
-    **dict.fromkeys(("*", "/", "%"), (_MULTIPLY, _MULTIPLY, _NEGATE)),
-    "^": (_POWER, _ATOM, _NEGATE),
-}
-
-# How tightly solids bind: operators by their precedence, unary operators above them.
-_UNARY = 100
+Below = TypeVar("Below")
 
 
-def number_text(value: float) -> str:
-    """Return the shortest text that reads as this number; integers have no point."""
-    if not math.isfinite(value):
-        raise UsageError(f"a grammar cannot hold the number {value}")
-    if value.is_integer() and abs(value) < 1e16:
-        return f"{value:.0f}"
-    return repr(value)
+class BracedText(NamedTuple):
+    """What stands in braces behind a leaf's name, and what the file must say for it.
 
-
-def expr_text(expr: Expr) -> str:
-    """Return an expression in the language, with as few parentheses as it needs.
-
-    Parameters
+    Attributes
     ----------
-    expr
-        Any nesting.
-
-    Raises
-    ------
-    UsageError
-        A constant is infinite or NaN.
+    tokens
+        The expression in the braces.
+    modules, definitions
+        Items of the file by their names, in order of appearance.
     """
-    out: list[str] = []
-    work: list[str | tuple[Expr, int]] = [(expr, 0)]
-    while work:
-        item = work.pop()
-        if isinstance(item, str):
-            out.append(item)
-            continue
-        inner, least = item
-        binds, parts = _parts(inner)
-        work.extend(reversed(parts if binds >= least else ["(", *parts, ")"]))
-    return "".join(out)
+
+    tokens: Sequence[Token]
+    modules: Mapping[str, str]
+    definitions: Mapping[str, str]
 
 
-def _parts(expr: Expr) -> tuple[int, list[str | tuple[Expr, int]]]:
-    """Return how tightly an expression binds, and its text with its arguments left open."""
-    if isinstance(expr, Number):
-        return (_NEGATE if math.copysign(1.0, expr.value) < 0 else _ATOM), [number_text(expr.value)]
-    if isinstance(expr, Parameter):
-        return _ATOM, [expr.name]
-    assert isinstance(expr, Apply)
-    args = expr.args
-    if expr.function in _INFIX:
-        binds, left, right = _INFIX[expr.function]
-        sign = "^" if expr.function == "^" else f" {expr.function} "
-        return binds, [(args[0], left), sign, (args[1], right)]
-    if expr.function == "neg":
-        return _NEGATE, ["-", (args[0], _POWER)]
-    if expr.function == "not":
-        return _NOT, ["not ", (args[0], _NOT)]
-    parts: list[str | tuple[Expr, int]] = [f"{expr.function}("]
-    for k, arg in enumerate(args):
-        if k:
-            parts.append("; " if k == expr.seeds else ", ")
-        parts.append((arg, 0))
-    return _ATOM, [*parts, ")"]
+@runtime_checkable
+class Braced(Protocol):
+    """A constant argument that is written in braces, and reads parameters from around it."""
 
+    parameters: tuple[str, ...]
 
-def call_text(name: str, args: Sequence[Expr], reference: str | None = None) -> str:
-    """Return ``name(reference, args)``, or the bare name where there are no arguments."""
-    texts = [*([reference] if reference else []), *(expr_text(a) for a in args)]
-    return f"{name}({', '.join(texts)})" if texts else name
+    @property
+    def braced(self) -> BracedText:
+        """What is written."""
 
 
 def node_text(node: Node) -> str:
@@ -127,6 +81,8 @@ def node_text(node: Node) -> str:
     if isinstance(node, Operation):
         return node.operator.symbols[0]
     assert isinstance(node, Leaf)
+    if _braced(node) is not None:
+        return f"{node.solid.name} {{...}}"
     constants = ", ".join(c.text or "..." for c in node.constants)
     return call_text(node.solid.name, _given_args(node), constants or None)
 
@@ -134,6 +90,19 @@ def node_text(node: Node) -> str:
 def assignment_texts(node: Calculation) -> list[str]:
     """Return the assignments of a calculation, one text each."""
     return [f"{name} = {expr_text(expr)}" for name, expr in node.assignments]
+
+
+def _braced(leaf: Leaf) -> BracedText | None:
+    for constant in leaf.constants:
+        if isinstance(constant, Braced):
+            if [signature(a) for a in leaf.args] != [
+                signature(Parameter(name)) for name in constant.parameters
+            ]:
+                raise UsageError(
+                    f"what this `{leaf.solid.name}` reads must be given by a block above it"
+                )
+            return constant.braced
+    return None
 
 
 def _given_args(leaf: Leaf) -> Sequence[Expr]:
@@ -173,7 +142,7 @@ def to_pcsg(graph: Graph, *, abridged: bool = False) -> str:
 def _check_constants(graph: Graph) -> None:
     for node in graph.nodes:
         for constant in node.constants if isinstance(node, Leaf) else ():
-            if constant.text is None:
+            if constant.text is None and not isinstance(constant, Braced):
                 assert isinstance(node, Leaf)
                 raise UsageError(
                     f"a grammar cannot hold the data of this `{node.solid.name}`; "
@@ -192,6 +161,8 @@ class _Writer:
         self._graph = graph
         self._reserved = reserved_names()
         self._names: dict[Node, str] = {}
+        braced = [_braced(node) for node in graph.nodes if isinstance(node, Leaf)]
+        self._braced = [text for text in braced if text is not None]
 
     def write(self) -> str:
         graph = self._graph
@@ -200,9 +171,11 @@ class _Writer:
         self._check_definitions()
         items = [self._item(self._axiom_head(), graph.root)]
         items += ["\n".join(self._module(module)) for module in graph.selections]
+        items += dict.fromkeys(t for text in self._braced for t in text.modules.values())
         definitions = [
             self._item(f"{name} = ", node, body=True) for node, name in self._names.items()
         ]
+        definitions += dict.fromkeys(t for text in self._braced for t in text.definitions.values())
         if definitions:
             items.append("\n".join(definitions))
         items += [_setting_text(setting) for setting in graph.settings]
@@ -215,6 +188,11 @@ class _Writer:
                 self._claim(node.name, "module", seen)
             elif node.definition is not None:
                 self._claim(node.definition, "definition", seen)
+        texts: dict[str, str] = {}
+        for braced in self._braced:
+            for name, text in (*braced.modules.items(), *braced.definitions.items()):
+                if texts.setdefault(name, text) != text or name in seen:
+                    raise UsageError(f"two things are called `{name}`, one of them in a blob")
         for node in self._graph.nodes:
             for name in (*_parameters_written(node), *parameters_of(*expressions(node))):
                 self._check_name(name, "parameter")
@@ -263,6 +241,7 @@ class _Writer:
         }
         taken = {n.name if isinstance(n, Selection) else n.definition for n in nodes}
         taken |= {name for node in nodes for name in _parameters_written(node)}
+        taken |= {name for braced in self._braced for name in _words_of(braced)}
         fresh = (name for k in range(1, 10**9) if (name := f"part_{k}") not in taken)
         for node in nodes:
             if node in shared and not isinstance(node, Selection):
@@ -312,9 +291,7 @@ class _Writer:
             yield from self._attributed_rules(module)
             return
         if module.select is not None:
-            text = expr_text(module.select)
-            # A minus after a name would be a difference.
-            yield f"{module.name} ({text})" if text.startswith("-") else f"{module.name} {text}"
+            yield declaration_text(module.name, module.select)
         elif len(module.rules) > 1:
             raise UsageError(f"module `{module.name}` has several rules and no selection function")
         for number in sorted(module.rules):
@@ -331,15 +308,10 @@ class _Writer:
             raise UsageError(
                 f"the selection function of module `{module.name}` differs from its conditions"
             )
-        formals = ", ".join(form.formals)
         for k, (label, condition) in enumerate(zip(form.labels, form.conditions, strict=True)):
-            if condition is not None:
-                guard = f": {expr_text(condition)}"
-            elif k < count - 1:
+            if condition is None and k < count - 1:
                 raise UsageError(f"rule `{label}` of module `{module.name}` needs a condition")
-            else:
-                guard = ": else" if count > 1 else ""
-            head = f"{label}: {module.name}({formals}){guard} -> "
+            head = attributed_head(label, module.name, form.formals, condition, count)
             yield self._item(head, module.rules[k + 1])
 
     def _item(self, head: str, node: Node, body: bool = False) -> str:
@@ -361,21 +333,16 @@ class _Writer:
             elif isinstance(node, Calculation):
                 work.extend(reversed(self._calculation(node)))
             elif isinstance(node, (Transformation, Attribute)):
-                work += [(node.successor, _UNARY), Mark.FILL, node_text(node)]
+                work += [(node.successor, UNARY), Mark.FILL, node_text(node)]
+            elif isinstance(node, Leaf) and (braced := _braced(node)) is not None:
+                yield from (f"{node.solid.name} {{ ", *braced.tokens, " }")
             else:
                 yield node_text(node)
 
     def _operation(self, node: Operation, least: int) -> list[Token | tuple[Node, int]]:
-        operator = node.operator
         if len(node.operands) < 2:
-            raise UsageError(f"{operator.name} needs two operands or more")
-        parts: list[Token | tuple[Node, int]] = [Mark.OPEN]
-        for k, operand in enumerate(node.operands):
-            if k:
-                parts += [Mark.BREAK, f"{operator.symbols[0]} "]
-            parts.append((operand, operator.precedence + (k > 0)))
-        parts.append(Mark.CLOSE)
-        return ["(", *parts, ")"] if operator.precedence < least else parts
+            raise UsageError(f"{node.operator.name} needs two operands or more")
+        return infix_tokens(node.operator, node.operands, least)
 
     def _calculation(self, node: Calculation) -> list[Token | tuple[Node, int]]:
         if node.call:
@@ -384,12 +351,58 @@ class _Writer:
             if form is None or form.formals != tuple(name for name, _ in node.assignments):
                 raise UsageError("a call must assign the formals of an attributed module below it")
             return [node_text(node)]
-        texts = assignment_texts(node)
-        parts: list[Token | tuple[Node, int]] = ["{", Mark.OPEN]
-        for k, text in enumerate(texts):
-            parts += [Mark.BREAK] if k else []
-            parts.append(text + (";" if k < len(texts) - 1 else ""))
-        return [*parts, Mark.CLOSE, "}", Mark.FILL, (node.successor, _UNARY)]
+        return [*block_tokens(assignment_texts(node)), Mark.FILL, (node.successor, UNARY)]
+
+
+def infix_tokens(
+    operator: Operator, operands: Sequence[Below], least: int
+) -> list[Token | tuple[Below, int]]:
+    """Return operands with the signs between them, in parentheses where they must bind tighter.
+
+    Parameters
+    ----------
+    least
+        How tightly the result must bind; each operand is returned with how tightly it must.
+    """
+    parts: list[Token | tuple[Below, int]] = [Mark.OPEN]
+    for k, operand in enumerate(operands):
+        if k:
+            parts += [Mark.BREAK, f"{operator.symbols[0]} "]
+        parts.append((operand, operator.precedence + (k > 0)))
+    parts.append(Mark.CLOSE)
+    return ["(", *parts, ")"] if operator.precedence < least else parts
+
+
+def block_tokens(assignments: Sequence[str]) -> list[Token]:
+    """Return a block of assignments."""
+    parts: list[Token] = ["{", Mark.OPEN]
+    for k, text in enumerate(assignments):
+        parts += [Mark.BREAK] if k else []
+        parts.append(text + (";" if k < len(assignments) - 1 else ""))
+    return [*parts, Mark.CLOSE, "}"]
+
+
+def declaration_text(name: str, select: Expr) -> str:
+    """Return a module with its selection function."""
+    text = expr_text(select)
+    # A minus after a name would be a difference.
+    return f"{name} ({text})" if text.startswith("-") else f"{name} {text}"
+
+
+def attributed_head(
+    label: str, name: str, formals: Sequence[str], condition: Expr | None, count: int
+) -> str:
+    """Return what stands before the expression of an attributed rule, one of `count`."""
+    if condition is not None:
+        guard = f": {expr_text(condition)}"
+    else:
+        guard = ": else" if count > 1 else ""
+    return f"{label}: {name}({', '.join(formals)}){guard} -> "
+
+
+def _words_of(braced: BracedText) -> set[str]:
+    texts = (*braced.tokens, *braced.modules.values(), *braced.definitions.values())
+    return {word for text in texts if isinstance(text, str) for word in _WORD.findall(text)}
 
 
 def _select_of(form: AttributedForm) -> Expr | None:

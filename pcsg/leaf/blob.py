@@ -121,6 +121,12 @@ class FieldSource(BlobSource):
         super().__init__()
         self._field = field
 
+    @cached_property
+    def digest(self) -> str:
+        from pcsg.blobtree.nodes import digest_of
+
+        return digest_of(self._field)
+
     def build(self, values: Sequence[float]) -> Field:
         return self._field
 

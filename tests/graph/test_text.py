@@ -14,12 +14,13 @@ from pcsg.errors import UsageError
 from pcsg.grammar import load_text
 from pcsg.graph.build import CONSTRUCTORS, C, S, define
 from pcsg.graph.expr import Apply, Expr, Number, P, Parameter, apply, call, seeds_first, signature
+from pcsg.graph.exprtext import expr_text, number_text
 from pcsg.graph.functions import FUNCTIONS
 from pcsg.graph.graph import Graph
 from pcsg.graph.nodes import AttributedForm, Calculation, Leaf, Operation, Transformation
 from pcsg.graph.operators import DIFFERENCE, UNION
 from pcsg.graph.pretty import Mark, format_tokens
-from pcsg.graph.text import expr_text, number_text, to_pcsg
+from pcsg.graph.text import to_pcsg
 from pcsg.graph.transforms import TRANSFORMS
 
 _SIGNS = {
