@@ -11,7 +11,6 @@ import ctypes
 import hashlib
 import json
 import os
-import re
 import shutil
 import struct
 import sys
@@ -22,10 +21,12 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from threading import RLock
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import platformdirs
+
+from pcsg.compilation import Code, compile_function, compile_kernel
 
 _STALE_AFTER = 30 * 24 * 3600.0
 
@@ -46,8 +47,9 @@ def compiler() -> str:
     place = Path(spec.origin).parent.parent if spec and spec.origin else Path()
     release = sorted(path.name for path in place.glob("numba-*.dist-info"))
     features = llvm.get_host_cpu_features().flatten()
-    # How code is called is written here.
-    convention = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    # How code is made, and how it is called.
+    files = (Path(__file__), Path(__file__).with_name("compilation.py"))
+    convention = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
     return f"{release} {sys.version} {llvm.get_host_cpu_name()} {features} {convention}"
 
 
@@ -67,30 +69,6 @@ def cache_folder(name: str) -> Path:
     except OSError:
         folder = Path(tempfile.mkdtemp(prefix=f"pcsg-kernels-{name}-"))
     return folder
-
-
-class Code(NamedTuple):
-    """A compiled kernel as it is kept.
-
-    Attributes
-    ----------
-    symbol
-        Its name in the object file.
-    result
-        Letters of the numbers that it returns, ``i`` or ``f``; several for a tuple.
-    is_tuple
-        Whether they are one.
-    needs_numba
-        Whether it calls what numba provides.
-    content
-        The object file.
-    """
-
-    symbol: str
-    result: str
-    is_tuple: bool
-    needs_numba: bool
-    content: bytes
 
 
 def _read(path: Path) -> Code | None:
@@ -116,53 +94,6 @@ def _write(path: Path, code: Code) -> None:
         Path(name).replace(path)
     except OSError:
         pass
-
-
-def _is_known(symbol: str) -> bool:
-    """Return whether a function is there in every process."""
-    return sys.platform != "win32" and hasattr(ctypes.CDLL(None), symbol)
-
-
-def _compile(kernel: Any, args: Sequence[Any]) -> Code:
-    """Compile a kernel for the types of some arguments."""
-    import numba
-
-    compile_with: Any = numba.njit
-    kinds: Any = numba.core.types
-    dispatcher = compile_with(**kernel.targetoptions, no_cpython_wrapper=True)(kernel.py_func)
-    signature = tuple(numba.typeof(a) for a in args)
-    dispatcher.compile(signature)
-    compiled = dispatcher.overloads[signature]
-    returned = kinds.unliteral(compiled.signature.return_type)
-    is_tuple = isinstance(returned, kinds.BaseTuple)
-    letters = ""
-    for kind in tuple(returned) if is_tuple else (returned,):
-        if kind == kinds.none:
-            continue
-        letters += {kinds.int64: "i", kinds.float64: "f"}[kinds.unliteral(kind)]
-    return _code(compiled.library, compiled.fndesc.llvm_func_name, letters, is_tuple)
-
-
-def _compile_function(signature: str, function: Any, options: dict[str, Any]) -> Code:
-    """Compile a function for types as numba writes them."""
-    import numba
-
-    compile_with: Any = numba.njit
-    dispatcher = compile_with(signature, **options, no_cpython_wrapper=True)(function)
-    (compiled,) = dispatcher.overloads.values()
-    return _code(compiled.library, compiled.fndesc.llvm_func_name, "", False)
-
-
-def _code(library: Any, symbol: str, result: str, is_tuple: bool) -> Code:
-    """Return what is kept of something in a library of numba."""
-    called = re.findall(r"declare [^@]*@\"?(?!llvm\.)([\w.]+)", library.get_llvm_str())
-    return Code(
-        symbol=symbol,
-        result=result,
-        is_tuple=is_tuple,
-        needs_numba=not all(_is_known(name) for name in called),
-        content=library._get_compiled_object(),
-    )
 
 
 class _Linker:
@@ -209,7 +140,7 @@ def load_function(fingerprint: str, signature: str, function: Any, options: dict
     with _LOCK:
         code = _read(path)
         if code is None:
-            code = _compile_function(signature, function, options)
+            code = compile_function(signature, function, options)
             _write(path, code)
         return _linker().link(code)
 
@@ -291,7 +222,7 @@ class Entry:
         path = cache_folder(self._kernel.fingerprint) / f"{name}.code"
         code = _read(path)
         if code is None:
-            code = _compile(self._kernel, args)
+            code = compile_kernel(self._kernel, args)
             _write(path, code)
         address = _linker().link(code)
         pointer = ctypes.c_void_p

@@ -18,6 +18,7 @@ FLOORS: list[set[str]] = [
         "errors",
         "catalogue",
         "machine",
+        "compilation",
         "jit",
         "vec",
         "indices",

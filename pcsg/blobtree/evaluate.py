@@ -94,20 +94,36 @@ def frame_of(axis: Vec3) -> tuple[Vec3, Vec3]:
 
 
 @njit(contract=True)
+def passes_by(f: Array, row: int, o: Vec3, d: Vec3) -> bool:
+    """Return whether a ray is surely too far from the axis of a slim primitive; most rays are.
+
+    What distance the two lines have is told with certainty where they are not nearly parallel.
+    """
+    vx, vy, vz = f[row + 3], f[row + 4], f[row + 5]
+    nx, ny, nz = d.y * vz - d.z * vy, d.z * vx - d.x * vz, d.x * vy - d.y * vx
+    apart = (o.x - f[row]) * nx + (o.y - f[row + 1]) * ny + (o.z - f[row + 2]) * nz
+    across2 = nx * nx + ny * ny + nz * nz
+    most = f[row + 6] + abs(f[row + 7])
+    certain = across2 > 1e-8 * (vx * vx + vy * vy + vz * vz)
+    return bool(certain and apart * apart > 1.0001 * most * most * across2)
+
+
+@njit(contract=True)
 def meet_slim(m: Tables, row: int, o: Vec3, d: Vec3, h: Array, at: int) -> bool:
     """Prepare a slim primitive for a ray of unit speed; return whether it meets the support."""
     f = m.floats
     vx, vy, vz = f[row + 3], f[row + 4], f[row + 5]
+    a, reach = f[row + 6], abs(f[row + 7])
+    qx, qy, qz = o.x - f[row], o.y - f[row + 1], o.z - f[row + 2]
+    most = a + reach
     length = math.sqrt(vx * vx + vy * vy + vz * vz)
     axis = Vec3(0.0, 0.0, 1.0)
     if length > 0.0:
         axis = Vec3(vx / length, vy / length, vz / length)
-    a, reach = f[row + 6], abs(f[row + 7])
     if f[row + 7] < 0.0:
         # A disc has a direction but no length.
         length = 0.0
     u, w = frame_of(axis)
-    qx, qy, qz = o.x - f[row], o.y - f[row + 1], o.z - f[row + 2]
     px = qx * u.x + qy * u.y + qz * u.z
     py = qx * w.x + qy * w.y + qz * w.z
     pz = qx * axis.x + qy * axis.y + qz * axis.z
@@ -118,7 +134,7 @@ def meet_slim(m: Tables, row: int, o: Vec3, d: Vec3, h: Array, at: int) -> bool:
     t = -(px * dx + py * dy + (pz - 0.5 * length) * dz)
     px, py, pz = px + t * dx, py + t * dy, pz + t * dz
     across, along, c = dx * dx + dy * dy, px * dx + py * dy, px * px + py * py
-    c -= (a + reach) * (a + reach)
+    c -= most * most
     t0, t1 = -math.inf, math.inf
     if across > 1e-18:
         disc = along * along - across * c
@@ -326,7 +342,7 @@ def warped_hull(
     return f_low, f_high, d_low, d_high
 
 
-@njit(contract=True)
+@njit(contract=True, inline=True)
 def leaf_hull(
     m: Tables, work: Work, k: int, a: float, b: float
 ) -> tuple[float, float, float, float]:
@@ -357,7 +373,7 @@ def leaf_hull(
     return field_hull(low, high, p_low, p_high, inverse, w)
 
 
-@njit(contract=True)
+@njit(contract=True, inline=True)
 def close_operator(m: Tables, work: Work, top: int, n: int) -> tuple[int, int]:
     """Make one value of those of the topmost open operator, for its parent.
 
@@ -389,7 +405,7 @@ def close_operator(m: Tables, work: Work, top: int, n: int) -> tuple[int, int]:
     return top, base + 1
 
 
-@njit(contract=True)
+@njit(contract=True, inline=True)
 def hull(
     m: Tables, work: Work, begin: int, count: int, a: float, b: float
 ) -> tuple[float, float, float, float]:

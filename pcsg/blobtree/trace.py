@@ -14,9 +14,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.blobtree.evaluate import hull, meet
+from pcsg.blobtree.evaluate import hull, meet, passes_by
 from pcsg.blobtree.fields import T
 from pcsg.blobtree.layout import (
+    ABOUT,
     CENTRE,
     ENTER,
     LEAF_BITS,
@@ -24,7 +25,10 @@ from pcsg.blobtree.layout import (
     LISTS,
     MET,
     ORDER,
+    PRIMITIVE,
+    ROW,
     SIZE,
+    SLIM,
     STACK,
     Tables,
     Work,
@@ -70,6 +74,10 @@ def collect(m: Tables, work: Work, o: Vec3, d: Vec3, begin: float, end: float) -
             for i in range(first, first + code % LEAF_BITS):
                 if n >= work.room - 1:
                     return FULL
+                at = m.primitives + PRIMITIVE * i
+                slim = ints[at + ABOUT] & SLIM != 0
+                if slim and passes_by(m.floats, m.f + wide(ints[at + ROW]), o, d):
+                    continue
                 if meet(m, work, i, n, o, d):
                     h = MET * n
                     if work.floats[h + LEAVE] >= begin and work.floats[h + ENTER] <= end:

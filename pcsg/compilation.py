@@ -1,0 +1,142 @@
+"""Kernels become object files: numba writes LLVM's code, and LLVM is asked once.
+
+numba optimizes every function with all that it calls, and makes machine code of it, before its
+callers are looked at; of a call tree that is most of the time. Here functions are only linked, and
+the outermost one is optimized with everything in it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
+from typing import Any, NamedTuple
+
+
+class Code(NamedTuple):
+    """A compiled kernel as it is kept.
+
+    Attributes
+    ----------
+    symbol
+        Its name in the object file.
+    result
+        Letters of the numbers that it returns, ``i`` or ``f``; several for a tuple.
+    is_tuple
+        Whether they are one.
+    needs_numba
+        Whether it calls what numba provides.
+    content
+        The object file.
+    """
+
+    symbol: str
+    result: str
+    is_tuple: bool
+    needs_numba: bool
+    content: bytes
+
+
+@cache
+def _library_class() -> Any:
+    """Return what numba shall collect the code of a function in."""
+    from numba.core.codegen import JITCodeLibrary
+
+    class LinkedLibrary(JITCodeLibrary):
+        """Code that is linked into its callers' and never run by itself."""
+
+        @property
+        def codegen(self) -> Any:
+            return self
+
+        def set_env(self, _name: str, _environment: Any) -> None:
+            """Do nothing: what Python would need of a function is not there."""
+
+        def get_pointer_to_function(self, _name: str) -> int:
+            return 0
+
+        def finalize(self) -> None:
+            for library in dict.fromkeys(self._linking_libraries):
+                module = library._get_module_for_linking()
+                self._final_module.link_in(module, preserve=True)
+            self._finalized = True
+
+    return LinkedLibrary
+
+
+@contextmanager
+def _linking() -> Iterator[None]:
+    """Have numba link what it compiles, and no more."""
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.registry import cpu_target
+
+    with global_compiler_lock:
+        codegen = cpu_target.target_context.codegen()
+        before = codegen._library_class
+        codegen._library_class = _library_class()
+        try:
+            yield
+        finally:
+            codegen._library_class = before
+
+
+def _finish(library: Any) -> bytes:
+    """Optimize the whole of a linked library, and return the object file."""
+    library._ensure_finalized()
+    library._optimize_final_module()
+    library._final_module.verify()
+    content: bytes = library._codegen._tm.emit_object(library._final_module)
+    return content
+
+
+def _is_known(symbol: str) -> bool:
+    """Return whether a function is there in every process."""
+    return sys.platform != "win32" and hasattr(ctypes.CDLL(None), symbol)
+
+
+def compile_kernel(kernel: Any, args: Sequence[Any]) -> Code:
+    """Compile a kernel for the types of some arguments."""
+    import numba
+
+    compile_with: Any = numba.njit
+    kinds: Any = numba.core.types
+    dispatcher = compile_with(**kernel.targetoptions, no_cpython_wrapper=True)(kernel.py_func)
+    signature = tuple(numba.typeof(a) for a in args)
+    with _linking():
+        dispatcher.compile(signature)
+    compiled = dispatcher.overloads[signature]
+    returned = kinds.unliteral(compiled.signature.return_type)
+    is_tuple = isinstance(returned, kinds.BaseTuple)
+    letters = ""
+    for kind in tuple(returned) if is_tuple else (returned,):
+        if kind == kinds.none:
+            continue
+        letters += {kinds.int64: "i", kinds.float64: "f"}[kinds.unliteral(kind)]
+    return _code(compiled.library, compiled.fndesc.llvm_func_name, letters, is_tuple)
+
+
+def compile_function(signature: str, function: Any, options: dict[str, Any]) -> Code:
+    """Compile a function for types as numba writes them."""
+    import numba
+
+    compile_with: Any = numba.njit
+    with _linking():
+        dispatcher = compile_with(signature, **options, no_cpython_wrapper=True)(function)
+    (compiled,) = dispatcher.overloads.values()
+    return _code(compiled.library, compiled.fndesc.llvm_func_name, "", False)
+
+
+def _code(library: Any, symbol: str, result: str, is_tuple: bool) -> Code:
+    """Return what is kept of something in a library of numba."""
+    content = _finish(library)
+    called = re.findall(r"declare [^@]*@\"?(?!llvm\.)([\w.]+)", library.get_llvm_str())
+    return Code(
+        symbol=symbol,
+        result=result,
+        is_tuple=is_tuple,
+        needs_numba=not all(_is_known(name) for name in called),
+        content=content,
+    )
