@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pcsg.blobtree.layout import LEAF_BITS, MAX_LEAF
 from pcsg.jit import njit
 
-LEAF = 6
+LEAF = 8
 """Primitives that are not parted any more."""
 
 

@@ -39,6 +39,7 @@ from pcsg.blobtree.layout import (
     KIND,
     KINDS,
     LEAVE,
+    LOOSE,
     MATRIX,
     MET,
     NEAREST,
@@ -57,6 +58,7 @@ from pcsg.blobtree.layout import (
     WARP_CONSTANT,
     WARP_SPEED,
     WEIGHT,
+    WHAT,
     Tables,
     Work,
     wide,
@@ -384,11 +386,12 @@ def close_operator(m: Tables, work: Work, top: int, n: int) -> tuple[int, int]:
     op, base = slots[frames], slots[frames + 1]
     at, ints = m.operators + OPERATOR * op, m.ints
     # A single child is handed on, its positive part unless by a sum.
-    negative = values[4 * (first + base)] < 0.0 and ints[at + KIND] != SUM
-    if n - base > 1 or negative or ints[at + ANCHOR] == op:
+    what = wide(ints[at + WHAT])
+    negative = values[4 * (first + base)] < 0.0 and what & KIND != SUM
+    if n - base > 1 or negative or what & ANCHOR != 0:
         args = m.f + wide(ints[at + ARGS])
         blend_hull(
-            wide(ints[at + KIND]),
+            what & KIND,
             values,
             slots,
             first + base,
@@ -397,7 +400,7 @@ def close_operator(m: Tables, work: Work, top: int, n: int) -> tuple[int, int]:
             args,
             4 * first,
         )
-    slots[first + base] = ints[at + SLOT]
+    slots[first + base] = what // SLOT
     up = wide(ints[at + UP])
     if up < 0 or (top > 0 and slots[frames - 2] == up):
         return top - 1, base + 1
@@ -437,15 +440,16 @@ def hull(
                 break
             if i == NOBODY and top == 0 and n == 2 and values[4 * (first + 1)] >= 0.0:
                 # A single value: nothing happens to it before the next anchor.
-                anchor = wide(ops[m.operators + OPERATOR * present + ANCHOR])
-                if anchor < 0:
+                what = wide(ops[m.operators + OPERATOR * present + WHAT])
+                if what & LOOSE != 0:
                     top = -1
                     break
                 # It comes through the child of the anchor that it is found in.
-                while present != anchor:
-                    ints[first + 1] = ops[m.operators + OPERATOR * present + SLOT]
+                while what & ANCHOR == 0:
+                    ints[first + 1] = what // SLOT
                     present = wide(ops[m.operators + OPERATOR * present + UP])
-                ints[frames] = anchor
+                    what = wide(ops[m.operators + OPERATOR * present + WHAT])
+                ints[frames] = present
             top, n = close_operator(m, work, top, n)
         if i == NOBODY:
             break

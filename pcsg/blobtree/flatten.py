@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.blobtree.blends import BLENDS
+from pcsg.blobtree.blends import BLENDS, Blend
 from pcsg.blobtree.boxes import (
     Corners,
     along_curve,
@@ -23,7 +24,7 @@ from pcsg.blobtree.boxes import (
 )
 from pcsg.blobtree.evaluate import frame_of
 from pcsg.blobtree.fields import REACH
-from pcsg.blobtree.layout import ATTRIBUTES, SLIM
+from pcsg.blobtree.layout import ANCHOR, ATTRIBUTES, LOOSE, SLIM, SLOT
 from pcsg.blobtree.nodes import Bent, Combination, Cones, Field, Painted, Placed, Primitive
 from pcsg.blobtree.points import MODEL_SLOTS
 from pcsg.blobtree.skeletons import SKELETONS
@@ -105,6 +106,24 @@ class _Rows(NamedTuple):
     uv: NDArray[np.float32]
 
 
+@dataclass
+class _Operator:
+    """An operator; the numbers of its primitives end at `end`."""
+
+    parent: int
+    blend: type[Blend]
+    slot: int
+    args: int
+    loose: bool
+    end: int = 0
+
+    def row(self, shift: int) -> tuple[int, int, int, int]:
+        """Return it as the arrays have it, its numbers behind `shift` others."""
+        what = self.blend.kind + SLOT * self.slot
+        what += ANCHOR * (not self.blend.alone) + LOOSE * self.loose
+        return self.parent, self.end, what, self.args + shift
+
+
 class Flattener:
     """Collects the arrays of one expression."""
 
@@ -115,7 +134,8 @@ class Flattener:
         self.floats: list[float] = []
         self.chains: list[int] = []
         self.chain_numbers: dict[tuple[int, ...], tuple[int, float, float]] = {}
-        self.operators: list[list[int]] = []
+        self.operators: list[_Operator] = []
+        self.numbers: dict[tuple[float, ...], int] = {}
         self.attribute_rows: list[tuple[float, ...]] = [(math.nan,) * len(MODEL_SLOTS)]
         self.attribute_numbers = {self.attribute_rows[0]: 0}
         # What is known by its identity must stay.
@@ -130,7 +150,7 @@ class Flattener:
         while todo:
             node, at = todo.pop()
             if node is None:
-                self.operators[at][1] = self.count
+                self.operators[at].end = self.count
                 continue
             if at.clip is not None and is_empty(at.clip):
                 continue
@@ -167,14 +187,13 @@ class Flattener:
         self, name: str, parent: int, slot: int, args: tuple[float, ...], children: int
     ) -> int:
         blend = BLENDS[name]
-        at = len(self.floats)
-        self.floats.extend(blend.arguments(args, children))
-        number = len(self.operators)
-        anchor = number
-        if blend.alone:
-            anchor = self.operators[parent][5] if parent >= 0 else -1
-        self.operators.append([parent, 0, blend.kind, slot, at, anchor])
-        return number
+        numbers = tuple(blend.arguments(args, children))
+        if numbers not in self.numbers:
+            self.numbers[numbers] = len(self.floats)
+            self.floats.extend(numbers)
+        loose = blend.alone and (parent < 0 or self.operators[parent].loose)
+        self.operators.append(_Operator(parent, blend, slot, self.numbers[numbers], loose))
+        return len(self.operators) - 1
 
     def _add_operator(
         self, node: Combination, at: _Place, todo: list[tuple[Field | None, Any]]
@@ -183,7 +202,11 @@ class Flattener:
         if blend.name == "weight" and _is_lone(node.children[0]):
             todo.append((node.children[0], at._replace(weight=at.weight * node.args[0])))
             return
-        if blend.flat and blend.alone and self.operators[at.parent][2] == blend.kind:
+        above = self.operators[at.parent].blend
+        if len(node.children) == 1 and blend.name == "sum" and not above.slotted:
+            todo.append((node.children[0], at))
+            return
+        if blend.flat and blend.alone and above is blend:
             number = at.parent
         else:
             number = self._open(blend.name, at.parent, at.slot, node.args, len(node.children))
@@ -286,7 +309,7 @@ class Flattener:
         order = along_curve(rows[:, :3] + 0.5 * rows[:, 3:6])
         rows, lower, upper, uv = rows[order], lower[order], upper[order], uv[order]
         parent = at.parent
-        if self.operators[parent][2] != BLENDS[node.blend].kind:
+        if len(rows) > 1 and self.operators[parent].blend is not BLENDS[node.blend]:
             parent = self._open(node.blend, at.parent, at.slot, (), len(node.start))
             todo.append((None, parent))
         self._add(rows, about, at._replace(parent=parent), lower, upper, uv)
@@ -304,7 +327,7 @@ class Flattener:
         """Add an operator for each group, under a sum."""
         assert node.groups is not None
         parent = at.parent
-        outer = self.operators[parent][2] != BLENDS["sum"].kind
+        outer = self.operators[parent].blend is not BLENDS["sum"]
         if outer:
             parent = self._open("sum", at.parent, at.slot, (), len(node.groups))
         ends = [*node.groups[1:].tolist(), len(rows)]
@@ -312,9 +335,9 @@ class Flattener:
             number = self._open(node.blend, parent, at.slot, (), b - a)
             place = at._replace(parent=number)
             self._add(rows[a:b], about, place, lower[a:b], upper[a:b], uv[a:b])
-            self.operators[number][1] = self.count
+            self.operators[number].end = self.count
         if outer:
-            self.operators[parent][1] = self.count
+            self.operators[parent].end = self.count
 
     def _add(
         self,

@@ -5,7 +5,7 @@ A model may lie anywhere in larger pools; offsets are relative to where its own 
 =======  =======================================================================================
 float64  `CENTRE`..., then rows of primitives, operators' numbers, chains of warps, attributes
 float32  boxes of the hierarchy, six numbers a node; turns u and lengths v of primitives
-int32    the header; primitives, three numbers each; operators, six each; nodes, one each
+int32    the header; primitives, three numbers each; operators, four each; nodes, one each
 =======  =======================================================================================
 
 Primitives are numbered depth first, and so are the nodes of their hierarchy: an inner node is
@@ -37,10 +37,12 @@ SLIM = 32
 ATTRIBUTES = 64
 """``about = kind + SLIM * slim + ATTRIBUTES * attributes``."""
 
-# An operator: its parent (-1 for the root), the end of its primitives, its kind, which child of its
-# parent it is, where its numbers are, and the nearest operator from it upwards that does not merely
-# hand on a single child (-1 for none).
-UP, END, KIND, SLOT, ARGS, ANCHOR, OPERATOR = range(7)
+# An operator: its parent (-1 for the root), the end of its primitives, what it is, and where its
+# numbers are.
+UP, END, WHAT, ARGS, OPERATOR = range(5)
+KIND, ANCHOR, LOOSE, SLOT = 31, 32, 64, 128
+"""``what = kind + ANCHOR * anchor + LOOSE * loose + SLOT * slot``: an anchor does more than hand on
+a single child, a loose one has no anchor from it upwards; `slot` is which child of its parent."""
 
 # A slim row: foot and axis vector, radius of the skeleton's foot, reach.
 SLIM_ROW = 8
@@ -57,10 +59,10 @@ FALL, RISE, STEEP = 28, 29, 30
 # A warp of a chain, in float64: the map into its frame, its numbers, the greatest speed before it.
 WARP_CONSTANT, WARP_SPEED, WARP_ROW = 12, 16, 17
 
-LEAF_BITS = 8
+LEAF_BITS = 16
 """A leaf of the hierarchy is ``first * LEAF_BITS + count``, an inner node -(the next on a miss)."""
 
-MAX_LEAF = 7
+MAX_LEAF = 12
 
 
 class Tables(NamedTuple):

@@ -7,13 +7,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcsg.blobtree.blends import BLENDS
 from pcsg.blobtree.bvh import build_hierarchy
 from pcsg.blobtree.fields import T
 from pcsg.blobtree.flatten import Flattener
 from pcsg.blobtree.layout import (
     ABOUT,
-    ARGS,
     ATTRIBUTES_AT,
     CHAIN,
     CONSTANT,
@@ -23,7 +21,6 @@ from pcsg.blobtree.layout import (
     HEADER,
     NODES,
     NODES_AT,
-    OPERATOR,
     OPERATORS,
     OPERATORS_AT,
     PARENT,
@@ -74,7 +71,8 @@ class Model:
         flat = Flattener(root)
         n = flat.count
         self.primitives = n
-        self.operators = sum(1 for op in flat.operators if op[2] != BLENDS["sum"].kind or op[0] < 0)
+        kinds = [operator.blend.name for operator in flat.operators]
+        self.operators = 1 + len(kinds) - kinds.count("sum")
         lower = np.concatenate([s.lower for s in flat.segments] or [np.zeros((0, 3))])
         upper = np.concatenate([s.upper for s in flat.segments] or [np.zeros((0, 3))])
         box = (lower.min(axis=0), upper.max(axis=0)) if n else (np.zeros(3), np.zeros(3))
@@ -104,8 +102,7 @@ class Model:
             table[k : k + m, ABOUT] = segment.about
             rows.append(block.ravel())
             at, k = at + m * width, k + m
-        ops = np.array(flat.operators, np.int32).reshape(-1, OPERATOR)
-        ops[:, ARGS] += shift
+        ops = np.array([operator.row(shift) for operator in flat.operators], np.int32)
         chains = np.array(flat.chains, np.int32)
         _shift_chains(chains, shift)
         uv = np.concatenate([s.uv for s in flat.segments] or [np.zeros((0, 2), np.float32)])

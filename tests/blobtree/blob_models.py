@@ -8,7 +8,8 @@ import numpy as np
 
 from pcsg import blobtree as b
 from pcsg.blobtree.blends import BLENDS
-from pcsg.blobtree.nodes import Field, combine, warped
+from pcsg.blobtree.fields import REACH
+from pcsg.blobtree.nodes import Cones, Field, combine, warped
 from pcsg.blobtree.skeletons import SKELETONS
 from pcsg.blobtree.warps import WARPS
 
@@ -34,6 +35,22 @@ def random_primitive(rng: Rng, kind: str) -> Field:
         case "polygon":
             return b.polygon(0.6 * np.array(CONVEX), 0.5 * r)
     return b.convolution_segment(length, *rng.uniform(0.1, 0.4, 2), kernel=kind)
+
+
+def random_cones(rng: Rng) -> Field:
+    """Branches as arrays, blended in groups or all together."""
+    n = int(rng.integers(1, 6))
+    radius = rng.uniform(0.1, 0.4, n)
+    long = rng.random(n) < 0.9
+    return Cones(
+        rng.normal(0.0, 0.5, (n, 3)),
+        rng.normal(0.0, 0.6, (n, 3)) * long[:, None],
+        rng.uniform(0.0, 0.2, n) * long * (rng.random(n) < 0.7),
+        REACH * radius,
+        None,
+        str(rng.choice(["sum", "union"])),
+        np.array([0, *range(1, n, 2)]) if rng.random() < 0.5 else None,
+    )
 
 
 def random_map(rng: Rng, spread: float) -> np.ndarray:
@@ -62,6 +79,8 @@ def random_model(rng: Rng, kinds: tuple[str, ...] = (), depth: int = 3) -> Field
     warps = [k for k in kinds if k in WARPS]
 
     def leaf() -> Field:
+        if not parts and rng.random() < 0.2:
+            return random_cones(rng)
         kind = parts.pop() if parts else str(rng.choice(list(SKELETONS)))
         return random_primitive(rng, kind)
 

@@ -228,6 +228,19 @@ def box_of(node: Field) -> tuple[np.ndarray, np.ndarray]:
     if isinstance(node, Primitive):
         lower, upper = node.skeleton.extent(node.args)
         return np.array(lower), np.array(upper)
+    if isinstance(node, Cones):
+        turns = np.linspace(0.0, 2.0 * np.pi, 4001)
+        corners = []
+        for start, axis, foot in zip(node.start, node.axis, node.foot, strict=True):
+            corners += [start, start + axis]
+            if foot > 0.0:
+                # The rim, point by point.
+                u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+                v = np.cross(axis, u)
+                u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
+                rim = np.outer(np.cos(turns), u) + np.outer(np.sin(turns), v)
+                corners += [*(start + foot * rim)]
+        return np.min(corners, axis=0), np.max(corners, axis=0)
     boxes = [box_of(c) for c in children_of(node)]
     lower = np.min([b[0] for b in boxes], axis=0)
     upper = np.max([b[1] for b in boxes], axis=0)
@@ -267,21 +280,32 @@ def unbend(node: Bent, p: np.ndarray) -> np.ndarray:
     return np.stack([cx + c * dx - s * dz, y, turn / k + s * dx + c * dz], axis=1)
 
 
+def cones_value(node: Cones, p: np.ndarray) -> np.ndarray:
+    """Branches given as arrays: groups are summed."""
+    group = np.zeros(len(node.start), int)
+    if node.groups is not None:
+        group = np.searchsorted(node.groups, np.arange(len(group)), side="right") - 1
+    fields = []
+    for start, axis, foot, reach in zip(node.start, node.axis, node.foot, node.reach, strict=True):
+        length = np.linalg.norm(axis)
+        unit = axis / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+        along = (p - start) @ unit
+        across = np.sqrt(np.maximum(((p - start) ** 2).sum(axis=1) - along**2, 0.0))
+        local = np.stack([across, np.zeros(len(p)), along], axis=1)
+        fields.append(wyvill(cone_distance(local, length, foot), reach))
+    total = np.zeros(len(p))
+    for k in np.unique(group):
+        members = np.array(fields)[group == k]
+        total += members.sum(axis=0) if node.blend == "sum" else members.max(axis=0)
+    return total
+
+
 def value(node: Field, p: np.ndarray) -> np.ndarray:
     """The field at points (N, 3)."""
     if isinstance(node, Primitive):
         return primitive_value(node, p)
     if isinstance(node, Cones):
-        total = np.zeros(len(p))
-        for start, axis, foot, reach in zip(
-            node.start, node.axis, node.foot, node.reach, strict=True
-        ):
-            length = np.linalg.norm(axis)
-            along = (p - start) @ (axis / length)
-            across = np.sqrt(np.maximum(((p - start) ** 2).sum(axis=1) - along**2, 0.0))
-            local = np.stack([across, np.zeros(len(p)), along], axis=1)
-            total += wyvill(cone_distance(local, length, foot), reach)
-        return total
+        return cones_value(node, p)
     if isinstance(node, Placed):
         a = np.linalg.inv(node.matrix[:, :3])
         return value(node.child, (p - node.matrix[:, 3]) @ a.T)
