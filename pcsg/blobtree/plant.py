@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pcsg.blobtree.lsystem import LSystem, read_lsystem
 from pcsg.blobtree.nodes import Field, color, place, polygon, union
-from pcsg.blobtree.tree import Junctions, grow
+from pcsg.blobtree.tree import Colour, Junctions, grow
 from pcsg.blobtree.turtle import Drawing, draw
 from pcsg.errors import EnvironmentFault, UsageError
 
@@ -109,6 +109,14 @@ def _numbers(
     return values
 
 
+def _colours(system: LSystem, name: str, setting: str, default: Colour) -> list[Colour]:
+    """Return the colours of a setting, one after the other as the turtle's ``'`` counts."""
+    text = system.settings.get(setting, "")
+    count = max(len(text.replace(",", " ").split()) // 3, 1)
+    values = _numbers(system, name, setting, default * count)
+    return [(values[k], values[k + 1], values[k + 2]) for k in range(0, 3 * count, 3)]
+
+
 def assemble(drawing: Drawing, system: LSystem, name: str = "<text>") -> Field:
     """Return wood and leaves of what a turtle has drawn."""
     parts: list[Field] = []
@@ -119,26 +127,20 @@ def assemble(drawing: Drawing, system: LSystem, name: str = "<text>") -> Field:
             tip=_numbers(system, name, "tip", (0.3,))[0],
             printed=bool(_numbers(system, name, "printed", (0.0,))[0]),
         )
-        bark = _numbers(system, name, "bark", BARK)
-        parts.append(_painted(bark, grow(drawing.skeleton, junctions)))
-    green = _numbers(system, name, "leaves", LEAF)
+        parts.append(grow(drawing.skeleton, junctions, _colours(system, name, "bark", BARK)))
+    palette = _colours(system, name, "leaves", LEAF)
     thickness = _numbers(system, name, "thickness", (0.012,))[0]
-    blades = [
-        _leaf(at, frame, size, thickness)
-        for at, frame, size in zip(*drawing.leaves, strict=True)
-        if size > 0.0
-    ]
-    blades += [sheet for p in drawing.polygons for sheet in _sheets(p, thickness)]
-    if blades:
-        parts.append(_painted(green, union(*blades)))
+    blades: list[list[Field]] = [[] for _ in palette]
+    last = len(palette) - 1
+    for at, frame, size, number in zip(*drawing.leaves, strict=True):
+        if size > 0.0:
+            blades[min(int(number), last)].append(_leaf(at, frame, size, thickness))
+    for corners, number in drawing.polygons:
+        blades[min(number, last)] += _sheets(corners, thickness)
+    parts += [color(*c, union(*some)) for c, some in zip(palette, blades, strict=True) if some]
     if not parts:
         raise UsageError("it draws nothing")
     return parts[0] if len(parts) == 1 else union(*parts)
-
-
-def _painted(rgb: tuple[float, ...], field: Field) -> Field:
-    r, g, b = rgb
-    return color(r, g, b, field)
 
 
 def _leaf(at: Array, frame: Array, size: float, thickness: float) -> Field:

@@ -21,6 +21,7 @@ from pcsg.blobtree.nodes import (
     Cones,
     Field,
     bend,
+    color,
     cone,
     joint,
     pcm,
@@ -34,6 +35,7 @@ from pcsg.blobtree.turtle import Skeleton
 from pcsg.errors import UsageError
 
 Array = NDArray[np.float64]
+Colour = tuple[float, float, float]
 
 SMOOTH, CONTACT, AGED = "smooth", "contact", "aged"
 MODES = (SMOOTH, CONTACT, AGED)
@@ -112,8 +114,8 @@ def merge_short(s: Skeleton) -> Skeleton:
 class _Plan:
     """What is derived from a skeleton before fields are made."""
 
-    def __init__(self, s: Skeleton, j: Junctions) -> None:
-        self.s, self.j = s, j
+    def __init__(self, s: Skeleton, j: Junctions, palette: Sequence[Colour]) -> None:
+        self.s, self.j, self.palette = s, j, palette
         n = len(s.base)
         self.children: list[list[int]] = [[] for _ in range(n)]
         for k in range(n):
@@ -180,13 +182,18 @@ class _Plan:
         return going_on[0] if going_on else -1
 
 
-def grow(skeleton: Skeleton, junctions: Junctions | None = None) -> Field:
+def grow(
+    skeleton: Skeleton, junctions: Junctions | None = None, palette: Sequence[Colour] = ()
+) -> Field:
     """Return the field of a skeleton.
 
     Parameters
     ----------
     skeleton
         Internodes, parents before children, at least one.
+    palette
+        Linear colours of the wood by the numbers of the internodes' colours, the last one for all
+        beyond; none if it is not painted.
 
     Raises
     ------
@@ -196,7 +203,7 @@ def grow(skeleton: Skeleton, junctions: Junctions | None = None) -> Field:
     j = junctions or Junctions()
     if not len(skeleton.base):
         raise UsageError("the skeleton has no internodes")
-    plan = _Plan(merge_short(skeleton), j)
+    plan = _Plan(merge_short(skeleton), j, palette)
     if j.mode == CONTACT:
         return _nest(plan)
     base = _wood(plan, list(range(len(plan.base))))
@@ -206,7 +213,18 @@ def grow(skeleton: Skeleton, junctions: Junctions | None = None) -> Field:
 
 
 def _wood(plan: _Plan, numbers: Sequence[int]) -> Field:
-    """Return the sum of some internodes, with their buds."""
+    """Return the sum of some internodes, with their buds, painted."""
+    if not plan.palette:
+        return _unpainted(plan, numbers)
+    last = len(plan.palette) - 1
+    groups: dict[int, list[int]] = {}
+    for k in numbers:
+        groups.setdefault(min(int(plan.s.colour[k]), last), []).append(k)
+    parts = [color(*plan.palette[c], _unpainted(plan, group)) for c, group in groups.items()]
+    return parts[0] if len(parts) == 1 else total(*parts)
+
+
+def _unpainted(plan: _Plan, numbers: Sequence[int]) -> Field:
     straight = [k for k in numbers if not _is_bent(plan, k)]
     parts: list[Field] = []
     if straight:

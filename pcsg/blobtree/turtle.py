@@ -10,7 +10,7 @@ r"""The turtle: strings of an L-system become internodes, leaves and polygons.
 ``$``          roll until the turtle's left is horizontal
 ``[ ]``        a branch
 ``!(w)``       the width: the radius of what follows
-``'``          the next colour
+``'``          the next colour of wood and leaves
 ``%``          cuts off the rest of the branch
 ``L(size)``    a leaf
 ``{ }``        a polygon of the points where the turtle is after each ``G(l)``
@@ -62,19 +62,30 @@ class Skeleton(NamedTuple):
 
 
 class Leaves(NamedTuple):
-    """Leaves of a plant: where, with which frame (columns: heading, left, up), how large."""
+    """Leaves of a plant: where, with which frame (columns: heading, left, up), how large.
+
+    `colour` counts as that of internodes does.
+    """
 
     place: Array
     frame: Array
     size: Array
+    colour: NDArray[np.int64]
+
+
+class Polygon(NamedTuple):
+    """A polygon: corners (K, 3), and its colour's number."""
+
+    corners: Array
+    colour: int
 
 
 class Drawing(NamedTuple):
-    """What a turtle has drawn; polygons are arrays of corners (K, 3)."""
+    """What a turtle has drawn."""
 
     skeleton: Skeleton
     leaves: Leaves
-    polygons: list[Array]
+    polygons: list[Polygon]
 
 
 class _State(NamedTuple):
@@ -100,8 +111,8 @@ def draw(string: Sequence[Letter], angle: float = 30.0, width: float = 0.1) -> D
     """Return what the turtle draws for a string."""
     rows: list[tuple[Vector, Vector, float, float, int, bool, int]] = []
     tops: list[float] = []
-    leaves: list[tuple[Vector, tuple[Vector, Vector, Vector], float]] = []
-    polygons: list[Array] = []
+    leaves: list[tuple[Vector, tuple[Vector, Vector, Vector], float, int]] = []
+    polygons: list[Polygon] = []
     outline: list[Vector] | None = None
     s = _State((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), width, 0, -1,
                False)  # fmt: skip
@@ -167,12 +178,12 @@ def draw(string: Sequence[Letter], angle: float = 30.0, width: float = 0.1) -> D
             cut = 1
         elif symbol == "L":
             size = 1.0 if first is None else first
-            leaves.append((s.place, (s.heading, s.left, s.up), size))
+            leaves.append((s.place, (s.heading, s.left, s.up), size, s.colour))
         elif symbol == "{":
             outline = [s.place]
         elif symbol == "}":
             if outline is not None and len(outline) >= 3:
-                polygons.append(np.array(outline))
+                polygons.append(Polygon(np.array(outline), s.colour))
             outline = None
     return Drawing(_skeleton(rows, tops), _leaves(leaves), polygons)
 
@@ -208,11 +219,12 @@ def _skeleton(
 
 
 def _leaves(
-    leaves: Sequence[tuple[Vector, tuple[Vector, Vector, Vector], float]],
+    leaves: Sequence[tuple[Vector, tuple[Vector, Vector, Vector], float, int]],
 ) -> Leaves:
     n = len(leaves)
     return Leaves(
         np.array([leaf[0] for leaf in leaves], np.float64).reshape(n, 3),
         np.array([leaf[1] for leaf in leaves], np.float64).reshape(n, 3, 3).transpose(0, 2, 1),
         np.array([leaf[2] for leaf in leaves], np.float64),
+        np.array([leaf[3] for leaf in leaves], np.int64),
     )

@@ -22,9 +22,78 @@ def letters(text: str, steps: int, seed: int = 0) -> str:
     return "".join(x.symbol for x in read_lsystem(text, seed=seed).derive(steps))
 
 
+def count(model: str, symbol: str, steps: int) -> int:
+    """How often a module is in the string of one of the models that come with pcsg."""
+    text = (GRAMMARS / "lsystems" / f"{model}.lsys").read_text(encoding="utf-8")
+    return letters(text, steps).count(symbol)
+
+
 def test_algae() -> None:
-    text = (GRAMMARS / "lsystems" / "algae.lsys").read_text()
+    text = "axiom: B\nA -> A B\nB -> A\n"
     assert [len(letters(text, n)) for n in range(7)] == [1, 1, 2, 3, 5, 8, 13]
+    assert [count("algae", "F", n) for n in range(7)] == [1, 1, 2, 3, 5, 8, 13]
+
+
+def test_models_have_the_numbers_of_their_recurrences() -> None:
+    for n in range(6):
+        assert count("koch", "F", n) == 5**n
+        # Every apex makes four internodes and three apices.
+        assert count("ternary", "F", n) == 1 + 2 * (3**n - 1)
+        # B(n) = C(n) = 1 + 2 B(n-1), A(n) = 1 + B(n-1) + A(n-1), all without one at first.
+        assert count("monopodial", "F", n) == 2**n - 1
+        # Three shoots of an apex, which become apices in the next step.
+        assert count("bush", "F", 2 * n) == (3 ** (n + 1) - 3) // 2
+        assert count("bush", "L", 2 * n) == 3 ** (n + 1) - 3
+
+
+def test_a_ternary_tree_thickens_as_it_grows() -> None:
+    text = (GRAMMARS / "lsystems" / "ternary.lsys").read_text(encoding="utf-8")
+    trunk = draw(read_lsystem(text).derive(5)).skeleton
+    assert trunk.base[0] == pytest.approx(0.012 * 1.62**5)
+    np.testing.assert_allclose(trunk.end[0], [0.0, 0.0, 1.6 * 1.109**5], atol=1e-12)
+
+
+def test_the_herb_flowers_when_the_signal_arrives() -> None:
+    # After s steps there are 1 + s // 2 nodes, of which the signal has passed s - 8.
+    arrives = next(s for s in range(40) if s - 8 == 1 + s // 2)
+    assert arrives == 17
+    for s in range(arrives + 1):
+        assert count("herb", "M", s) == 1 + s // 2
+        assert count("herb", "K", s) == 0
+    assert [count("herb", x, arrives + 1) for x in "MKAP"] == [9, 1, 0, 0]
+    assert [count("herb", x, arrives + 2) for x in "MKAP"] == [9, 0, 0, 8]
+    assert [count("herb", x, arrives + 3) for x in "MKA{"] == [9, 0, 0, 8]
+
+
+def test_a_fern_unrolls_its_fronds_one_by_one() -> None:
+    for n in (0, 1, 5, 12, 30, 35):
+        ages = [n - k for k in range(1, 10) if n >= k]
+        assert count("fern", "F", n) == sum(1 + min(age, 20) for age in ages)
+        pinnae = sum(2 * min(max(age - 1, 0), 20) for age in ages)
+        assert count("fern", "L", n) == pinnae + sum(age > 20 for age in ages)
+
+
+def test_colours_count_for_wood_leaves_and_polygons() -> None:
+    text = (
+        "axiom: !(0.1) F(1) [ ' +(90) F(1) ' L(1) ] [ ''' -(90) f(2) { G(1) +(90) G(1) } ]\n"
+        "bark: 0.1 0 0, 0.2 0 0\nleaves: 0 0.1 0, 0 0.2 0, 0 0.3 0\n"
+    )
+    model = Model(plant_of(text))
+    places = [[0, 0, 0.3], [0, 0.6, 1], [0, 1.6, 1], [0, -2.9, 1.3]]
+    found = model.attributes(places)["color"]
+    expected = [[0.1, 0, 0], [0.2, 0, 0], [0, 0.3, 0], [0, 0.3, 0]]
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    with pytest.raises(UsageError, match="`bark:` takes 3 number"):
+        plant_of("axiom: F\nbark: 1 2\n")
+
+
+@pytest.mark.parametrize("path", sorted(GRAMMARS.rglob("*.lsys")), ids=lambda path: path.stem)
+def test_every_model_draws_something(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    model = Model(plant_of(text, path.name))
+    low, high = model.bounds
+    assert model.primitives > 20 and (high - low)[2] > 0.5
+    assert text.startswith("// ")
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3])
@@ -87,7 +156,7 @@ def test_cut_and_polygons_and_leaves() -> None:
     drawing = draw(read_lsystem("axiom: F[%F L(2)]L(0.5){G+(120)G+(120)G}").derive(0))
     assert len(drawing.skeleton.base) == 1
     np.testing.assert_allclose(drawing.leaves.size, [0.5])
-    assert drawing.polygons[0].shape == (4, 3)
+    assert drawing.polygons[0].corners.shape == (4, 3)
 
 
 @pytest.mark.parametrize("mode", ["smooth", "contact", "aged"])
