@@ -56,6 +56,11 @@ class Blend:
         """Return what the kernel reads, for a number of children; raise if it can not be."""
         return [*args]
 
+    @classmethod
+    def is_silent(cls, slot: int) -> bool:
+        """Return whether a child has no part in colours and surface coordinates."""
+        return False
+
     @staticmethod
     def hull(values: Array, slots: Slots, base: int, n: int, args: Array, at: int, out: int) -> int:
         """Replace the first child's bounds by the operator's; the return value means nothing."""

@@ -24,6 +24,10 @@ class Gbb(Blend):
     alone = False
     slotted = True
 
+    @classmethod
+    def is_silent(cls, slot: int) -> bool:
+        return slot == 0
+
     @staticmethod
     def hull(values: Array, slots: Slots, base: int, n: int, args: Array, at: int, out: int) -> int:
         take_positive_parts(values, base, n)
@@ -77,6 +81,11 @@ class Joint(Blend):
 
     alone = False
     slotted = True
+
+    @classmethod
+    def is_silent(cls, slot: int) -> bool:
+        # All wood is in the sum already.
+        return slot > 0
 
     @staticmethod
     def hull(values: Array, slots: Slots, base: int, n: int, args: Array, at: int, out: int) -> int:

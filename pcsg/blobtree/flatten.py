@@ -24,7 +24,7 @@ from pcsg.blobtree.boxes import (
 )
 from pcsg.blobtree.evaluate import frame_of
 from pcsg.blobtree.fields import REACH
-from pcsg.blobtree.layout import ANCHOR, ATTRIBUTES, LOOSE, SLIM, SLOT
+from pcsg.blobtree.layout import ANCHOR, ATTRIBUTES, LOOSE, SILENT, SLIM, SLOT
 from pcsg.blobtree.nodes import Bent, Combination, Cones, Field, Painted, Placed, Primitive
 from pcsg.blobtree.points import MODEL_SLOTS
 from pcsg.blobtree.skeletons import SKELETONS
@@ -55,6 +55,12 @@ class _Place(NamedTuple):
     weight: float
     attributes: int
     clip: Corners | None
+    silent: bool = False
+
+    @property
+    def flags(self) -> int:
+        """What a primitive here says of itself besides its kind."""
+        return SILENT * self.silent + ATTRIBUTES * self.attributes
 
 
 def invert(m: Array) -> Array:
@@ -216,7 +222,8 @@ class Flattener:
             order = self._spatial(node)
         for slot in reversed(order):
             child = node.children[slot]
-            place = at._replace(parent=number, slot=slot)
+            silent = at.silent or blend.is_silent(slot)
+            place = at._replace(parent=number, slot=slot, silent=silent)
             clip = clip_of(node, slot, self.boxes)
             if clip is not None:
                 box = push_box(at.links, at.matrix, clip)
@@ -248,7 +255,7 @@ class Flattener:
             signed = scale * reach * (1.0 if length > 0.0 else -1.0)
             row = np.array([*at.matrix[:, 3], *vector, scale * foot, signed])[None]
             lower, upper = cone_boxes(row[:, :3], row[:, 3:6], row[:, 6], row[:, 7])
-            about = skeleton.kind + SLIM + ATTRIBUTES * at.attributes
+            about = skeleton.kind + SLIM + at.flags
             turn = _turn_of(at.matrix[:, 0] / scale, axis)
             uv = np.array([[-turn, 0.0]], np.float32)
             self._add(row, about, at, lower, upper, uv)
@@ -268,7 +275,7 @@ class Flattener:
             *local.ravel(), *kept[0], *kept[1], at.weight, 1.0 / reach**2, chain, speed,
             acceleration, *constants, *skeleton.curvature(args),
         ]  # fmt: skip
-        about = skeleton.kind + ATTRIBUTES * at.attributes
+        about = skeleton.kind + at.flags
         self._add([full], about, at, box[0][None], box[1][None], np.zeros((1, 2), np.float32))
 
     def _add_cones(self, node: Cones, at: _Place, todo: list[tuple[Field | None, Any]]) -> None:
@@ -300,7 +307,7 @@ class Flattener:
         rows[:, 3:6] = node.axis @ matrix[:, :3].T
         rows[:, 6], rows[:, 7] = scale * node.foot, scale * node.reach
         lower, upper = cone_boxes(rows[:, :3], rows[:, 3:6], rows[:, 6], rows[:, 7])
-        about = SKELETONS["cone"].kind + SLIM + ATTRIBUTES * at.attributes
+        about = SKELETONS["cone"].kind + SLIM + at.flags
         uv = np.zeros((len(rows), 2), np.float32) if node.uv is None else node.uv
         if node.groups is not None:
             self._add_groups(node, at, rows, about, lower, upper, uv)

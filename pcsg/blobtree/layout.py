@@ -31,11 +31,13 @@ CENTRE, SIZE, FLOATS = 0, 3, 4
 COUNT, OPERATORS, NODES, OPERATORS_AT, NODES_AT, UV_AT, ATTRIBUTES_AT, HEADER = range(8)
 """Numbers of things, and where they begin; `UV_AT` is -1 where all are zero."""
 
-# A primitive: where its row is, its operator, and its kind with two flags and its attributes.
+# A primitive: where its row is, its operator, and its kind with flags and its attributes.
 ROW, PARENT, ABOUT, PRIMITIVE = range(4)
 SLIM = 32
-ATTRIBUTES = 64
-"""``about = kind + SLIM * slim + ATTRIBUTES * attributes``."""
+SILENT = 64
+ATTRIBUTES = 128
+"""``about = kind + SLIM * slim + SILENT * silent + ATTRIBUTES * attributes``; what is silent, as a
+bound is, has no part in colours."""
 
 # An operator: its parent (-1 for the root), the end of its primitives, what it is, and where its
 # numbers are.

@@ -41,7 +41,14 @@ from pcsg.blobtree.native import (
     ask_batch,
 )
 from pcsg.blobtree.nodes import Field
-from pcsg.blobtree.points import ATTRIBUTE_COLUMNS, BOUND, MODEL_SLOTS, U, V
+from pcsg.blobtree.points import (
+    ATTRIBUTE_COLUMNS,
+    BOUND,
+    MODEL_SLOTS,
+    OTHERS,
+    U,
+    V,
+)
 from pcsg.blobtree.skeletons import SKELETONS
 from pcsg.blobtree.trace import ALL, ANY, FIRST
 from pcsg.errors import EnvironmentFault
@@ -150,12 +157,14 @@ class Model:
         dict
             ``color`` (N, 3), mixed by what primitives contribute, and ``label`` (N,), the
             strongest primitive's, NaN where there is none; ``bound`` (N,), the share of bounded
-            blends; ``uv`` (N, 2); every other attribute by the name of its slot.
+            blends; ``uv`` (N, 2); ``other_uv`` (N, 2, 3), those of two more primitives and
+            their shares, which fall; every other attribute by the name of its slot.
         """
         out = self._ask(DESCRIPTION, points, ATTRIBUTE_COLUMNS)
         named = {name: out[:, k] for k, name in enumerate(MODEL_SLOTS) if k >= 3}
         named["label"] = named.pop("@label")
-        return named | {"color": out[:, :3], "bound": out[:, BOUND], "uv": out[:, [U, V]]}
+        placed = {"uv": out[:, [U, V]], "other_uv": out[:, OTHERS:].reshape(-1, 2, 3)}
+        return named | placed | {"color": out[:, :3], "bound": out[:, BOUND]}
 
     def _ask(self, asked: int, points: ArrayLike, columns: int) -> Array:
         where = np.asarray(points, np.float64).reshape(-1, 3)

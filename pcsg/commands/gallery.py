@@ -69,8 +69,11 @@ PICTURES = (
     Picture("junctions", "Junctions of implicit branches", file="blobtree/junctions.pcsg"),
     Picture("wounds", "Wounds of implicit branches", file="blobtree/wounds.pcsg"),
     Picture("bulge", "Where implicit branches bulge", file="blobtree/bulge.pcsg"),
+    Picture("plates", "Bark that blends at forks", file="blobtree/plates.pcsg"),
     Picture("poplar", "A poplar in winter, an implicit tree", file="poplar.lsys"),
     Picture("oak", "An oak, an implicit tree", file="lsystems/oak.lsys"),
+    Picture("bush", "A bush by the rules of an L-system", file="lsystems/bush.lsys"),
+    Picture("fern", "A fern that unrolls", file="lsystems/fern.lsys"),
 )
 """What `docs/gallery.md` shows, in its order."""
 

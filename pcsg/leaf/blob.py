@@ -24,7 +24,7 @@ from pcsg.blobtree.native import (
     ask,
     reserve_floats,
 )
-from pcsg.blobtree.points import ATTRIBUTE_COLUMNS, BOUND, LABEL, U, V
+from pcsg.blobtree.points import ATTRIBUTE_COLUMNS, BOUND, LABEL, OTHERS, U, V
 from pcsg.errors import UsageError
 from pcsg.jit import njit
 from pcsg.leaf.registry import (
@@ -35,6 +35,7 @@ from pcsg.leaf.registry import (
     LeafConstant,
     LeafParameter,
     Model,
+    OtherUv,
     Pool,
     Solid,
     leaf,
@@ -246,8 +247,8 @@ class Blob(Solid):
 
     In Python, ``blob(field)``, a field of `pcsg.blobtree`, or ``blob("oak.lsys")``.
 
-    Surface coordinates: those of the primitive that contributes most; for branches u goes round
-    the axis, in turns, and v along it.
+    Surface coordinates: those of the primitive that contributes most, and of two that come next,
+    so that pictures blend; for branches u goes round the axis, in turns, and v along it.
     """
 
     constants = (
@@ -317,6 +318,19 @@ class Blob(Solid):
         out = reserve_floats(ATTRIBUTE_COLUMNS)
         ask_blob(DESCRIPTION, 0, ray_at(p), args, at, pool, out, 0, ATTRIBUTE_COLUMNS)
         return out[U], out[V]
+
+    @staticmethod
+    def other_uv(p: Vec3, args: Array, at: int, pool: Pool) -> OtherUv:
+        out = reserve_floats(ATTRIBUTE_COLUMNS)
+        ask_blob(DESCRIPTION, 0, ray_at(p), args, at, pool, out, 0, ATTRIBUTE_COLUMNS)
+        return (
+            out[OTHERS],
+            out[OTHERS + 1],
+            out[OTHERS + 2],
+            out[OTHERS + 3],
+            out[OTHERS + 4],
+            out[OTHERS + 5],
+        )
 
     @staticmethod
     def attributes(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float, float, float]:

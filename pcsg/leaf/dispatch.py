@@ -28,5 +28,8 @@ leaf_inside = _ladder("inside", "p args at pool", "False")
 leaf_uv = _ladder("uv", "p args at pool", "(0.0, 0.0)")
 """``(kind, p, args, at, pool) -> (u, v)``"""
 
+leaf_other_uv = _ladder("other_uv", "p args at pool", "(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)")
+"""``(kind, p, args, at, pool) -> (u, v, share, u, v, share)``"""
+
 leaf_attributes = _ladder("attributes", "p args at pool", "(-1.0, -1.0, -1.0, -1.0)")
 """``(kind, p, args, at, pool) -> (red, green, blue, label)``: -1 where the leaf has none"""

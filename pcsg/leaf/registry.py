@@ -36,6 +36,7 @@ from pcsg.vec import Ray, Vec3
 
 Array = NDArray[np.float64]
 Pool = tuple[Array, NDArray[np.float32], NDArray[np.int32]]
+OtherUv = tuple[float, float, float, float, float, float]
 
 ALL, FIRST, ANY = 0, 1, 2
 """What a caller wants: all inside intervals on the whole line, the first crossing in
@@ -317,6 +318,14 @@ class Solid:
     @staticmethod
     def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
         """Return surface coordinates of a point of the surface, for textures."""
+        raise NotImplementedError
+
+    @staticmethod
+    def other_uv(p: Vec3, args: Array, at: int, pool: Pool) -> OtherUv:
+        """Return u, v and share of two more parts that blend at a point.
+
+        Only a leaf whose parts blend defines this. The rest is the share of `uv`, the largest.
+        """
         raise NotImplementedError
 
     @staticmethod

@@ -215,7 +215,7 @@ class Materials:
         rows = np.flatnonzero(texture >= 0)
         if len(rows):
             number = texture[rows]
-            found = self._textures.colors(number, inside[rows], hits.uv[at][rows], size[rows])
+            found = self._colors(hits, at[rows], number, inside[rows], size[rows])
             given = np.flatnonzero(overridden[rows])
             if len(given):
                 found[given] = self._tinted(
@@ -235,6 +235,21 @@ class Materials:
             facing[raised], slope * known.bump[raised, None], known.viewer[raised]
         )
         return normal
+
+    def _colors(self, hits: Hits, at: Ints, number: Ints, inside: Floats, size: Floats) -> Floats:
+        """Return textures' colours; where parts of a leaf blend, so do their pictures."""
+        found = self._textures.colors(number, inside, hits.uv[at], size)
+        pictures = np.flatnonzero(self._textures.is_picture(number))
+        if len(pictures):
+            others = hits.other_uv[at[pictures]]
+            strongest = found[pictures]
+            for k in range(others.shape[1]):
+                mixed = np.flatnonzero(others[:, k, 2] > 0.0)
+                rows = pictures[mixed]
+                uv, share = others[mixed, k, :2], others[mixed, k, 2:]
+                other = self._textures.colors(number[rows], inside[rows], uv, size[rows])
+                found[rows] += share * (other - strongest[mixed])
+        return found
 
     def _tinted(
         self, number: Ints, override: Floats, found: Floats, inside: Floats, size: Floats
@@ -262,6 +277,10 @@ class Materials:
                 length = np.sqrt(np.square(across).sum(axis=2, keepdims=True))
                 across = across / np.maximum(length, 1e-300)
             slope[rows] = -(along[:, :, None] * across).sum(axis=1)
+            # Reliefs of parts that blend end where these change places.
+            shares = hits.other_uv[at[rows], :, 2]
+            strongest = 1.0 - shares.sum(axis=1)
+            slope[rows] *= (1.0 - shares[:, 0] / strongest)[:, None]
         return slope
 
 

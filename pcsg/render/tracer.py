@@ -223,6 +223,7 @@ class GroundedTracer:
             "normal": (0.0, 0.0, 1.0),
             "position": at,
             "uv": at[:, :2],
+            "other_uv": 0.0,
             "label": -1,
             "color": -1.0,
             "material": self.material,

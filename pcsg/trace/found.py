@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
 from pcsg.jit import njit
-from pcsg.leaf.dispatch import leaf_attributes, leaf_uv
+from pcsg.leaf.dispatch import leaf_attributes, leaf_other_uv, leaf_uv
 from pcsg.leaf.registry import LEAVES, Pool, Solid
 from pcsg.trace.blocks import Blocks
 from pcsg.trace.hits import Hits
@@ -72,6 +72,32 @@ def find_uv(
             leaf = 4 * record[i]
             p = Vec3(local[i, 0], local[i, 1], local[i, 2])
             out[i, 0], out[i, 1] = leaf_uv(leaves[leaf], p, args, leaves[leaf + 1], pool)
+
+
+@njit(entry=True)
+def find_other_uv(
+    leaves: NDArray[np.int32],
+    args: NDArray[np.float64],
+    pool: Pool,
+    record: NDArray[np.int32],
+    local: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Write the surface coordinates of two more parts, and their shares.
+
+    Parameters
+    ----------
+    leaves, args, pool, record, local
+        As for `find_uv`.
+    out : float64 (N, 2, 3)
+    """
+    for i in range(len(record)):
+        if record[i] >= 0:
+            leaf = 4 * record[i]
+            p = Vec3(local[i, 0], local[i, 1], local[i, 2])
+            others = leaf_other_uv(leaves[leaf], p, args, leaves[leaf + 1], pool)
+            for k in range(6):
+                out[i, k // 3, k % 3] = others[k]
 
 
 @njit(entry=True)
@@ -138,16 +164,25 @@ class FoundHits(Hits):
         table = self._blocks.attributes.reshape(-1, len(ATTRIBUTE_DEFAULTS))[:, slots]
         return table.astype(kind)[self._found.record]
 
+    def _any_leaf_has(self, kernel: str) -> bool:
+        solids = tuple(LEAVES.values())
+        kinds = np.flatnonzero(np.bincount(self._blocks.leaves[::4]))
+        default = getattr(Solid, kernel)
+        return any(getattr(solids[kind], kernel) is not default for kind in kinds)
+
+    @property
+    def _leaves(self) -> tuple[Any, Any, Any, Any, Any]:
+        """What kernels read that look leaves up."""
+        found, blocks = self._found, self._blocks
+        return blocks.leaves, blocks.args, self._pool, found.record, found.local
+
     @cached_property
     def _own(self) -> Any:
         """Colours and labels of the leaves' own, None where no leaf has any."""
-        solids = tuple(LEAVES.values())
-        kinds = np.flatnonzero(np.bincount(self._blocks.leaves[::4]))
-        if all(solids[kind].attributes is Solid.attributes for kind in kinds):
+        if not self._any_leaf_has("attributes"):
             return None
         own = np.full((len(self.t), 4), -1.0)
-        arrays = self._blocks.leaves, self._blocks.args, self._pool
-        find_own_attributes(*arrays, self._found.record, self._found.local, own)
+        find_own_attributes(*self._leaves, own)
         return own
 
     @cached_property
@@ -159,15 +194,16 @@ class FoundHits(Hits):
     def uv(self) -> Any:
         """Surface coordinates."""
         uv = np.zeros((len(self.t), 2))
-        find_uv(
-            self._blocks.leaves,
-            self._blocks.args,
-            self._pool,
-            self._found.record,
-            self._found.local,
-            uv,
-        )
+        find_uv(*self._leaves, uv)
         return self._complete("uv", uv)
+
+    @cached_property
+    def other_uv(self) -> Any:
+        """Surface coordinates of two more parts, and their shares."""
+        others = np.zeros((len(self.t), 2, 3))
+        if self._any_leaf_has("other_uv"):
+            find_other_uv(*self._leaves, others)
+        return self._complete("other_uv", others)
 
     @cached_property
     def color(self) -> Any:

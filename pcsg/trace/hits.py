@@ -22,6 +22,8 @@ class Hits:
         Zero where missed.
     uv : float64 (N, 2)
         Surface coordinates of the leaf.
+    other_uv : float64 (N, 2, 3)
+        Those of two parts that blend with the first, and their shares: 0 for all leaves but blobs.
     leaf : int64 (N,)
         Number of the leaf node in the graph, -1 where missed.
     label, material, texture : int64 (N,)
@@ -36,6 +38,7 @@ class Hits:
     position: NDArray[np.float64]
     normal: NDArray[np.float64]
     uv: NDArray[np.float64]
+    other_uv: NDArray[np.float64]
     leaf: NDArray[np.int64]
     label: NDArray[np.int64]
     color: NDArray[np.float64]

@@ -138,6 +138,8 @@ def _describe_cut(
         out.normal[i, k] = sign * n[k]
     for k in range(2):
         out.uv[i, k] = 0.5
+        for j in range(3):
+            out.other_uv[i, k, j] = 0.0
     slots = out.attributes.shape[1]
     for k in range(slots):
         out.attributes[i, k] = cover.attributes[slots * hit + k]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS, ATTRIBUTE_SLOTS
 from pcsg.jit import njit
-from pcsg.leaf.dispatch import leaf_attributes, leaf_normal, leaf_uv
+from pcsg.leaf.dispatch import leaf_attributes, leaf_normal, leaf_other_uv, leaf_uv
 from pcsg.leaf.registry import Pool
 from pcsg.trace.hits import Hits
 from pcsg.vec import Affine, Ray, Vec3, normalize, transform_normal
@@ -31,6 +31,8 @@ class Surface(NamedTuple):
         World coordinates; unit and outward. Zero where missed.
     uv : float64 (N, 2)
         The leaf's surface coordinates.
+    other_uv : float64 (N, 2, 3)
+        Those of two more parts, and their shares.
     attributes : float64 (N, 7)
         Values of the attribute slots.
     """
@@ -40,13 +42,14 @@ class Surface(NamedTuple):
     position: NDArray[np.float64]
     normal: NDArray[np.float64]
     uv: NDArray[np.float64]
+    other_uv: NDArray[np.float64]
     attributes: NDArray[np.float64]
 
     def put(self, indices: NDArray[np.int64], other: Hits) -> None:
         """Take some of the hits from elsewhere."""
         self.t[indices], self.leaf[indices] = other.t, other.leaf
         self.position[indices], self.normal[indices] = other.position, other.normal
-        self.uv[indices] = other.uv
+        self.uv[indices], self.other_uv[indices] = other.uv, other.other_uv
         self.attributes[indices] = np.column_stack(
             [other.color, other.material, other.texture, other.texture_scale, other.label]
         )
@@ -59,6 +62,7 @@ class Surface(NamedTuple):
             position=self.position,
             normal=self.normal,
             uv=self.uv,
+            other_uv=self.other_uv,
             leaf=self.leaf,
             label=a[:, 6].astype(np.int64),
             color=np.ascontiguousarray(a[:, :3]),
@@ -76,6 +80,7 @@ def make_surface(n: int) -> Surface:
         position=np.zeros((n, 3)),
         normal=np.zeros((n, 3)),
         uv=np.zeros((n, 2)),
+        other_uv=np.zeros((n, 2, 3)),
         attributes=np.tile(ATTRIBUTE_DEFAULTS, (n, 1)),
     )
 
@@ -123,6 +128,9 @@ def describe_hit(
     out.normal[i, 1] = sign * n.y
     out.normal[i, 2] = sign * n.z
     out.uv[i, 0], out.uv[i, 1] = leaf_uv(kind, p, args, args_at, pool)
+    others = leaf_other_uv(kind, p, args, args_at, pool)
+    for k in range(6):
+        out.other_uv[i, k // 3, k % 3] = others[k]
     for k in range(out.attributes.shape[1]):
         out.attributes[i, k] = attributes[attributes_at + k]
     own = leaf_attributes(kind, p, args, args_at, pool)

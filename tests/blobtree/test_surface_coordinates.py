@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import pcsg
+from pcsg import Scene, blob
 from pcsg import blobtree as b
 from pcsg.blobtree.evaluate import frame_of
 from pcsg.blobtree.frames import carry, frames_of
-from pcsg.blobtree.turtle import Skeleton
+from pcsg.blobtree.lsystem import read_lsystem
+from pcsg.blobtree.turtle import Skeleton, draw
 from pcsg.jit import plain
 from pcsg.vec import Vec3
 
@@ -93,3 +96,43 @@ def test_a_placed_branch_has_its_own_direction(scale: float) -> None:
             u, v = model.attributes([p])["uv"][0]
             assert abs((u - turn + 0.5) % 1.0 - 0.5) < 1e-6
             assert v == pytest.approx(1.0)
+
+
+FORK = "axiom: !(0.3) F(2) !(0.26) [ &(40) F(1.6) ] [ &(34) /(180) ^(70) F(1.6) ]"
+
+
+@pytest.mark.parametrize("mode", ["smooth", "contact", "aged"])
+def test_pictures_pass_over_where_branches_meet_without_a_seam(mode: str) -> None:
+    skeleton = draw(read_lsystem(FORK).derive(0)).skeleton
+    scene = Scene(blob(b.grow(skeleton, b.Junctions(mode=mode))))
+    # Ways up the fork from many sides, as rays from outside see them.
+    z = np.linspace(1.2, 3.2, 6001)
+    jumps, alone, shares = [], [], []
+    for side in np.linspace(0.0, 2.0 * np.pi, 7)[:-1] + 0.3:
+        way = np.array([np.cos(side), np.sin(side), 0.0])
+        o = np.stack([3 * way[0] + 0 * z, 3 * way[1] + 0 * z, z], axis=1)
+        hits = scene.intersect(o, np.tile(-way, (len(z), 1)))
+        near = hits.mask[1:] & hits.mask[:-1]
+        near &= np.linalg.norm(np.diff(hits.position, axis=0), axis=1) < 3e-3
+        v, others, share = hits.uv[:, 1], hits.other_uv[:, :, 1], hits.other_uv[:, :, 2]
+        mixed = (1.0 - share.sum(axis=1)) * v + (share * others).sum(axis=1)
+        jumps.append(np.abs(np.diff(mixed))[near].max())
+        alone.append(np.abs(np.diff(v))[near].max())
+        shares.append(share[hits.mask])
+    # What lies at v alone would jump from branch to branch.
+    assert max(alone) > 0.3
+    assert max(jumps) < 0.03
+    share = np.concatenate(shares)
+    assert (share[:, 0] >= share[:, 1]).all() and (1.0 - share.sum(axis=1) >= share[:, 0]).all()
+    assert share[:, 0].max() > 0.4 and share[:, 1].max() > 0.05
+
+
+def test_both_engines_know_the_second_coordinates() -> None:
+    text = """{} blob { cone(2,0.4,0.3) + move(0,0,2) pcm { L , rotz(180) L } }
+    L = roty(30) segment(2,0.3)
+    """
+    o = np.random.default_rng(3).uniform([-0.6, -4, 1.5], [0.6, -4, 3], (300, 3))
+    d = np.tile([0.0, 1.0, 0.0], (300, 1))
+    found = [pcsg.loads(text, engine=engine).intersect(o, d) for engine in ("cyclic", "states")]
+    np.testing.assert_allclose(found[0].other_uv, found[1].other_uv, atol=1e-9)
+    assert (found[0].other_uv[:, 0, 2] > 0.1).sum() > 20

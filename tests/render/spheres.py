@@ -87,6 +87,7 @@ class Spheres:
             normal=normal,
             position=position,
             uv=np.zeros((n, 2)),
+            other_uv=np.zeros((n, 2, 3)),
             label=number + 10 * hit,
             color=np.where(hit[:, None], self.color, -1.0),
             material=np.where(hit, self.material, -1),

@@ -60,8 +60,13 @@ def test_bumps_bend_normals_but_not_the_geometry():
     assert (flat.matter.normal == flat.matter.facing).all()
 
 
+NO_OTHERS = np.zeros((2, 3))
+
+
 class Plane(Spheres):
     """A plane z = 0 whose coordinates are half of x and a third of y."""
+
+    others = NO_OTHERS
 
     def intersect(self, origins, directions, t_min, t_max):
         hits = super().intersect(origins, directions, t_min, t_max)
@@ -74,6 +79,7 @@ class Plane(Spheres):
             normal=np.tile([0.0, 0.0, 1.0], (n, 1)),
             position=position,
             uv=position[:, :2] / [2.0, 3.0],
+            other_uv=np.tile(self.others, (n, 1, 1)),
             label=hits.label,
             color=np.full((n, 3), -1.0),
             material=np.zeros(n, np.int64),
@@ -82,12 +88,13 @@ class Plane(Spheres):
         )
 
 
-def plane(tmp_path, pixels, **material):
+def plane(tmp_path, pixels, others=NO_OTHERS, **material):
     Pillow.fromarray(pixels).save(tmp_path / "p.png")
     kind = material.pop("kind", "image")
     texture = {**TEXTURE, "name": "t", "kind": kind, "file": str(tmp_path / "p.png")}
     rows = [{**MATERIAL, "texture": "t", **material}]
     scene = Plane()
+    scene.others = others
     table = Materials(rows, {"t": 0}, Textures.of([texture]), scene.sheets)
     origins = np.array([[0.1, 0.2, 4.0], [0.9, 1.9, 4.0]])
     directions = np.tile([0.0, 0.0, -1.0], (2, 1))
@@ -101,6 +108,29 @@ def test_pictures_lie_on_surface_coordinates_upright(tmp_path):
     pixels[0, 0] = 0, 255, 0  # upper left
     found = plane(tmp_path, np.repeat(np.repeat(pixels, 50, axis=0), 50, axis=1))
     np.testing.assert_allclose(found.matter.color, [[1, 0, 0], [0, 1, 0]], atol=1e-9)
+
+
+def test_pictures_of_parts_that_blend_are_mixed(tmp_path):
+    pixels = np.zeros((2, 2, 3), np.uint8)
+    pixels[1, 0], pixels[0, 0], pixels[1, 1] = (255, 0, 0), (0, 255, 0), (0, 0, 255)
+    large = np.repeat(np.repeat(pixels, 50, axis=0), 50, axis=1)
+    # A third of the whole is what lies at the lower right, a quarter what lies above it.
+    found = plane(tmp_path, large, others=[(0.8, 0.2, 1 / 3), (0.8, 0.7, 1 / 4)])
+    expected = [[5 / 12, 0, 1 / 3], [0, 5 / 12, 1 / 3]]
+    np.testing.assert_allclose(found.matter.color, expected, atol=1e-9)
+
+
+def test_reliefs_of_parts_that_blend_end_where_these_change_places(tmp_path):
+    ramp = np.repeat(np.linspace(0, 255, 256).astype(np.uint8)[None], 256, axis=0)
+    pixels = np.repeat(ramp[..., None], 3, axis=2)
+    slopes = []
+    for shares in ((0.0, 0.0), (0.3, 0.1), (0.4, 0.2)):
+        others = [(0.3, 0.3, share) for share in shares]
+        normal = plane(tmp_path, pixels, others=others, bump=0.3).matter.normal
+        slopes.append(-normal[:, 0] / normal[:, 2])
+    np.testing.assert_allclose(slopes[1], 0.5 * slopes[0], rtol=1e-6)
+    np.testing.assert_allclose(slopes[2], 0.0, atol=1e-12)
+    assert (slopes[0] > 0.01).all()
 
 
 def test_the_relief_of_a_picture_tilts_normals_by_its_slope(tmp_path):

@@ -26,7 +26,7 @@ def test_everything_about_a_hit_is_the_walkers() -> None:
     walked = pcsg.loads(COLOURED, engine="cyclic").intersect(*_rays())
     found = pcsg.loads(COLOURED, engine="states").intersect(*_rays())
     assert 100 < found.mask.sum() < 400
-    for name in (*NAMES, "texture_scale"):
+    for name in (*NAMES, "other_uv", "texture_scale"):
         np.testing.assert_allclose(
             getattr(found, name), getattr(walked, name), rtol=1e-9, atol=1e-9, err_msg=name
         )
