@@ -240,10 +240,11 @@ def meet(m: Tables, work: Work, i: int, k: int, o: Vec3, d: Vec3) -> bool:
 
 
 @njit(contract=True)
-def warped_distance(
-    m: Tables, kind: int, h: Array, at: int, t: float
-) -> tuple[float, float, float, float]:
-    """Return g and g' behind warps, and for how long the curve stays smooth, and in the domain."""
+def pull_back(m: Tables, h: Array, at: int, t: float) -> tuple[Vec3, Vec3, float, float]:
+    """Return where a point of the ray is behind warps, in the primitive's frame, and its velocity.
+
+    And for how long the curve stays smooth, and in the domain.
+    """
     f, row = m.floats, int(h[at + H_ROW])
     v = Vec3(h[at + DIRECTION], h[at + DIRECTION + 1], h[at + DIRECTION + 2])
     p = Vec3(h[at] + t * v.x, h[at + 1] + t * v.y, h[at + 2] + t * v.z)
@@ -263,9 +264,16 @@ def warped_distance(
         smooth, domain = min(smooth, q.smooth / speed), min(domain, q.domain / speed)
         p, v = q.p, q.v
     local = load_affine(f, row + MATRIX)
-    g, slope = skeleton_distance(
-        kind, transform_point(local, p), transform_vector(local, v), h, at + H_CONSTANT, f
-    )
+    return transform_point(local, p), transform_vector(local, v), smooth, domain
+
+
+@njit(contract=True)
+def warped_distance(
+    m: Tables, kind: int, h: Array, at: int, t: float
+) -> tuple[float, float, float, float]:
+    """Return g and g' behind warps, and for how long the curve stays smooth, and in the domain."""
+    p, v, smooth, domain = pull_back(m, h, at, t)
+    g, slope = skeleton_distance(kind, p, v, h, at + H_CONSTANT, m.floats)
     return g, slope, smooth, domain
 
 

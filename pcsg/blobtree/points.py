@@ -7,13 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.blobtree.evaluate import hull, leaf_hull, meet
+from pcsg.blobtree.evaluate import hull, leaf_hull, meet, pull_back
 from pcsg.blobtree.layout import (
     ABOUT,
     ATTRIBUTES,
     DIRECTION,
     ENTER,
     H_CONSTANT,
+    H_ROW,
     KINDS,
     LEAF_BITS,
     LEAVE,
@@ -105,13 +106,14 @@ def gradient_at(m: Tables, work: Work, p: Vec3) -> Vec3:
 def coordinates(m: Tables, work: Work, k: int) -> tuple[float, float]:
     """Return the surface coordinates of the k-th primitive that has a field at a point."""
     h, i = MET * k, work.ints[k]
-    x, y, z = work.floats[h], work.floats[h + 1], work.floats[h + 2]
     t = -work.floats[h + NEAREST]
     q = Vec3(
-        x + t * work.floats[h + DIRECTION],
-        y + t * work.floats[h + DIRECTION + 1],
-        z + t * work.floats[h + DIRECTION + 2],
+        work.floats[h] + t * work.floats[h + DIRECTION],
+        work.floats[h + 1] + t * work.floats[h + DIRECTION + 1],
+        work.floats[h + 2] + t * work.floats[h + DIRECTION + 2],
     )
+    if work.floats[h + H_ROW] >= 0.0:
+        q, _v, _s, _d = pull_back(m, work.floats, h, t)
     u, v = skeleton_uv(work.ints[KINDS * work.room + k], q, work.floats, h + H_CONSTANT)
     if m.uv >= 0:
         u += m.singles[m.s + m.uv + 2 * i]

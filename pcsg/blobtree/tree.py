@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.blobtree.fields import REACH
-from pcsg.blobtree.frames import carried_turns
+from pcsg.blobtree.frames import carried_turns, frames_of
 from pcsg.blobtree.nodes import (
     Cones,
     Field,
@@ -277,8 +277,18 @@ def _bent(plan: _Plan, k: int) -> Field:
     z = math.cos(tilt) * c + math.sin(tilt) * away
     x = math.cos(tilt) * away - math.sin(tilt) * c
     frame = np.stack([x, np.cross(z, x), z, plan.s.start[k] + plan.shift[k] * c], axis=1)
+    # u = 0 is where the next internode of the branch has it; in the middle of the arc x is `away`.
+    zero = frames_of(c[None])[0][0]
+    turn = math.atan2(float(zero @ np.cross(c, away)), float(zero @ away))
     wood = cone(arc, float(plan.base[k]), float(plan.top[k]))
-    return place(frame, bend(-math.degrees(t), wood))
+    turned = np.array(
+        [
+            [math.cos(turn), -math.sin(turn), 0.0, 0.0],
+            [math.sin(turn), math.cos(turn), 0.0, 0.0],
+            [0.0, 0.0, 1.0, 0.0],
+        ]
+    )
+    return place(frame, bend(-math.degrees(t), place(turned, wood)))
 
 
 def _frame(axis: Array, origin: Array) -> Array:

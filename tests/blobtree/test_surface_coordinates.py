@@ -136,3 +136,25 @@ def test_both_engines_know_the_second_coordinates() -> None:
     found = [pcsg.loads(text, engine=engine).intersect(o, d) for engine in ("cyclic", "states")]
     np.testing.assert_allclose(found[0].other_uv, found[1].other_uv, atol=1e-9)
     assert (found[0].other_uv[:, 0, 2] > 0.1).sum() > 20
+
+
+def test_u_goes_on_behind_a_bent_lateral() -> None:
+    text = "axiom: !(0.3) F(3) [ /(50) &(60) !(0.12) F(1.5) F(1.5) ] F(2)"
+    skeleton = draw(read_lsystem(text).derive(0)).skeleton
+    model = b.Model(b.grow(skeleton, b.Junctions(mode="smooth", bend=30.0, buds=False, tip=1.0)))
+    lateral = 1
+    axis = (skeleton.end - skeleton.start)[lateral] / 1.5
+    sides = [side[0] for side in frames_of(axis[None])]
+    # In the middle of the arc, and on the straight internode that goes on.
+    for s in (0.75, 2.25):
+        middle = base = skeleton.start[lateral] + s * axis
+        for side in sides:
+            # A chord's middle tells how far to the side the centre is.
+            ends = [model.intersect([base + k * side], [-k * side])[0] for k in (1.0, -1.0)]
+            middle = middle + 0.5 * (ends[1] - ends[0]) * side
+        for turn in np.linspace(0.0, 1.0, 9)[:-1]:
+            a = 2 * np.pi * turn
+            side = np.cos(a) * sides[0] + np.sin(a) * sides[1]
+            t = model.intersect([middle + 0.25 * side], [-side])[0]
+            u = model.attributes([middle + (0.25 - t) * side])["uv"][0][0]
+            assert abs((u - turn + 0.5) % 1.0 - 0.5) < 0.02, (turn, s)
