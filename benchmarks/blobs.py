@@ -5,12 +5,15 @@ from __future__ import annotations
 import heapq
 import math
 import random
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from benchmarks import povray
+from benchmarks.pictures import measure_command
 from benchmarks.report import Effort, Row, Subject
 from pcsg.blobtree.fields import REACH
 from pcsg.blobtree.model import Model
@@ -196,6 +199,12 @@ def rows(effort: Effort) -> Iterator[Row]:
     each = model.nbytes / model.primitives
     yield Row("bytes of a primitive", (each, None, None), each, 100.0, at_most=True)
     yield Row("seconds to build", (built, None, None))
+    if not effort.tiny:
+        command = [sys.executable, "-c", "from pcsg.blobtree.native import address; address()"]
+        with tempfile.TemporaryDirectory() as cache:
+            _clock, compiled, _peak = measure_command(command, XDG_CACHE_HOME=cache)
+        row = (compiled, None, None)
+        yield Row("seconds of a process that compiles all", row, compiled, 15.0, at_most=True)
 
 
 def _beside_povray(skeleton: Skeleton, size: int) -> Iterator[Row]:

@@ -72,6 +72,7 @@ PICTURES = (
     Picture("plates", "Bark that blends at forks", file="blobtree/plates.pcsg"),
     Picture("poplar", "A poplar in winter, an implicit tree", file="poplar.lsys"),
     Picture("oak", "An oak, an implicit tree", file="lsystems/oak.lsys"),
+    Picture("grove", "A grove of implicit trees"),
     Picture("bush", "A bush by the rules of an L-system", file="lsystems/bush.lsys"),
     Picture("fern", "A fern that unrolls", file="lsystems/fern.lsys"),
 )
