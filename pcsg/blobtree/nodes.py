@@ -305,12 +305,13 @@ def warped(name: str, child: Field, *args: float, height: float | None = None) -
     values += kind.defaults[len(values) - least :] if len(values) < most else ()
     if name == "bend" and values[1] != 0.0:
         # Towards another azimuth: the frame is turned there and back.
-        turned = Bent(kind, (values[0], 0.0), place(_turn(-values[1]), child), height)
-        return place(_turn(values[1]), turned)
+        turned = Bent(kind, (values[0], 0.0), place(turn_about_z(-values[1]), child), height)
+        return place(turn_about_z(values[1]), turned)
     return Bent(kind, values, child, height)
 
 
-def _turn(degrees: float) -> Array:
+def turn_about_z(degrees: float) -> Array:
+    """Return the map (3, 4) that turns about z by an angle."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return np.array([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 

@@ -29,6 +29,7 @@ from pcsg.blobtree.nodes import (
     point,
     segment,
     total,
+    turn_about_z,
     weight,
 )
 from pcsg.blobtree.turtle import Skeleton
@@ -281,14 +282,8 @@ def _bent(plan: _Plan, k: int) -> Field:
     zero = frames_of(c[None])[0][0]
     turn = math.atan2(float(zero @ np.cross(c, away)), float(zero @ away))
     wood = cone(arc, float(plan.base[k]), float(plan.top[k]))
-    turned = np.array(
-        [
-            [math.cos(turn), -math.sin(turn), 0.0, 0.0],
-            [math.sin(turn), math.cos(turn), 0.0, 0.0],
-            [0.0, 0.0, 1.0, 0.0],
-        ]
-    )
-    return place(frame, bend(-math.degrees(t), place(turned, wood)))
+    wood = place(turn_about_z(math.degrees(turn)), wood)
+    return place(frame, bend(-math.degrees(t), wood))
 
 
 def _frame(axis: Array, origin: Array) -> Array:

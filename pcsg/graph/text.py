@@ -146,7 +146,7 @@ def _check_constants(graph: Graph) -> None:
                 assert isinstance(node, Leaf)
                 raise UsageError(
                     f"a grammar cannot hold the data of this `{node.solid.name}`; "
-                    "save them to a file and name it"
+                    f"{constant.instead}"
                 )
 
 

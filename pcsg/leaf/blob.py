@@ -118,6 +118,8 @@ class BlobSource(Constant):
 class FieldSource(BlobSource):
     """A field built in Python."""
 
+    instead = "write the field in `blob { ... }`"
+
     def __init__(self, field: Field) -> None:
         super().__init__()
         self._field = field

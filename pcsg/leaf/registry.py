@@ -92,6 +92,9 @@ class LeafParameter:
 class Constant:
     """A constant argument of a leaf, read once, such as the content of a file."""
 
+    instead: ClassVar[str] = "save them to a file and name it"
+    """What to do where the language cannot say it."""
+
     @property
     def signature(self) -> object:
         """A value that is equal for, and only for, constants that are written alike."""

@@ -146,7 +146,7 @@ def test_generated_names_keep_clear_of_a_blobs() -> None:
 
 def test_a_field_of_python_has_no_text_but_a_digest() -> None:
     fields = [random_model(np.random.default_rng(seed)) for seed in (5, 5, 6)]
-    with pytest.raises(UsageError, match="a grammar cannot hold the data of this `blob`"):
+    with pytest.raises(UsageError, match="data of this `blob`; write the field in"):
         to_pcsg(Scene(blob(fields[0])).graph)
     same, again, other = (Scene(blob(field)).source_hash for field in fields)
     assert same == again != other
