@@ -126,3 +126,39 @@ def test_a_second_process_renders_without_the_compiler(tmp_path: Path) -> None:
         for _ in range(2)
     ]
     assert told[1].stdout.split()[-1] == "False"
+
+
+def _square(x: float) -> float:
+    return x * x
+
+
+def test_what_was_linked_into_a_kernel_is_still_a_function(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import numba
+    from numba.core.registry import cpu_target
+
+    def folder_of(name: str) -> Path:
+        (tmp_path / name).mkdir(exist_ok=True)
+        return tmp_path / name
+
+    monkeypatch.setattr(machine, "cache_folder", folder_of)
+    square = njit(_square)
+
+    def outer(x: float) -> float:
+        return square(x) + 1.0
+
+    def failing(x: float) -> float:
+        return square(x).nothing  # type: ignore[attr-defined,no-any-return]
+
+    def other(x: float) -> float:
+        return square(x) - 1.0
+
+    before = cpu_target.target_context.codegen()._library_class
+    assert njit(entry=True)(outer)(3.0) == 10.0
+    with pytest.raises(numba.TypingError):
+        njit(entry=True)(failing)(3.0)
+    # numba goes on as before, also with what was linked.
+    assert cpu_target.target_context.codegen()._library_class is before
+    assert square(3.0) == 9.0
+    assert numba.njit(other)(3.0) == 8.0
