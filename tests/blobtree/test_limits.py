@@ -51,6 +51,22 @@ def test_contact_of_one_is_the_child() -> None:
     same(b.pcm(PAIR[0]), PAIR[0])
 
 
+def test_contact_of_two_is_the_printed_form() -> None:
+    # Galbraith, MacMurchy, Wyvill 2004, eq. 3: F = f_max + d(f_other).
+    w, a0 = 0.4, 0.4 / 6.0
+    c3, c2 = 4.0 * (w - 4.0 * a0) / w**3, 4.0 * (3.0 * a0 - w) / w**2
+    points = 0.5 * POINTS + [0.0, 0.0, 0.5]
+    values = np.array([Model(part).field(points) for part in PAIR])
+    most, other = values.max(axis=0), values.min(axis=0)
+    x = 0.5 - other
+    near = c3 * x**3 + c2 * x**2 + x
+    far = 4.0 * a0 * (x - w) ** 2 * (4.0 * x - w) / w**3
+    d = np.where(x <= 0.0, x, np.where(x < 0.5 * w, near, np.where(x < w, far, 0.0)))
+    expected = most + d
+    assert ((x < 0.0) & (most > 0.5)).sum() > 20 and ((x > 0.0) & (x < w)).sum() > 100
+    np.testing.assert_allclose(Model(b.pcm(*PAIR)).field(points), expected, rtol=0.0, atol=1e-12)
+
+
 def test_joint_with_a_bound_is_bounded_blending() -> None:
     bound = b.weight(0.9, b.place(at(0.0, 0.0, 0.5), b.point(0.6)))
     same(b.joint(b.total(*PAIR), (bound, *PAIR)), b.gbb(bound, b.pcm(*PAIR), b.total(*PAIR)))
