@@ -228,6 +228,7 @@ def build_ladder(
     *,
     calls: Sequence[str] | None = None,
     contract: bool = False,
+    inline: bool = False,
 ) -> Callable[..., Any]:
     """Return a kernel that calls ``cases[selector](*arguments)``.
 
@@ -242,6 +243,8 @@ def build_ladder(
         Source of the expression that is returned for any other value.
     calls
         Source of the arguments of every case, where they differ from `arguments`.
+    contract, inline
+        As for `njit`.
     """
     inner = ", ".join(arguments)
     lines = [f"def {name}({selector}, {inner}):"]
@@ -256,4 +259,4 @@ def build_ladder(
     filename = f"<pcsg ladder {name}>"
     linecache.cache[filename] = (len(source), None, source.splitlines(True), filename)
     exec(compile(source, filename, "exec"), scope)
-    return njit(contract=contract)(scope[name])  # type: ignore[no-any-return]
+    return njit(contract=contract, inline=inline)(scope[name])  # type: ignore[no-any-return]

@@ -10,13 +10,15 @@ from pcsg.jit import build_ladder, njit
 from pcsg.leaf.registry import kernels
 
 
-def _ladder(method: str, arguments: str, default: str) -> Callable[..., Any]:
+def _ladder(method: str, arguments: str, default: str, inline: bool = False) -> Callable[..., Any]:
     cases = [plain and njit(contract=True)(plain) for plain in kernels(method)]
     name = f"leaf_{method}"
-    return build_ladder(name, "kind", arguments.split(), cases, default, contract=True)
+    words = arguments.split()
+    return build_ladder(name, "kind", words, cases, default, contract=True, inline=inline)
 
 
-leaf_crossings = _ladder("crossings", "ray want args at pool t n", "n")
+# Within operations leaves are asked so often that the call itself would cost a fifth of the time.
+leaf_crossings = _ladder("crossings", "ray want args at pool t n", "n", inline=True)
 """``(kind, ray, want, args, at, pool, t, n) -> n``"""
 
 leaf_normal = _ladder("normal", "p args at pool", "p")
