@@ -111,10 +111,14 @@ def _numbers(
 
 def _colours(system: LSystem, name: str, setting: str, default: Colour) -> list[Colour]:
     """Return the colours of a setting, one after the other as the turtle's ``'`` counts."""
-    text = system.settings.get(setting, "")
-    count = max(len(text.replace(",", " ").split()) // 3, 1)
-    values = _numbers(system, name, setting, default * count)
-    return [(values[k], values[k + 1], values[k + 2]) for k in range(0, 3 * count, 3)]
+    text = system.settings.get(setting)
+    if text is None:
+        return [default]
+    count = len(text.replace(",", " ").split())
+    if count == 0 or count % 3:
+        raise UsageError(f"{name}: `{setting}:` takes three numbers for each colour, not `{text}`")
+    values = _numbers(system, name, setting, (0.0,) * count)
+    return [(values[k], values[k + 1], values[k + 2]) for k in range(0, count, 3)]
 
 
 def assemble(drawing: Drawing, system: LSystem, name: str = "<text>") -> Field:

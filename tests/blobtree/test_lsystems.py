@@ -83,8 +83,9 @@ def test_colours_count_for_wood_leaves_and_polygons() -> None:
     found = model.attributes(places)["color"]
     expected = [[0.1, 0, 0], [0.2, 0, 0], [0, 0.3, 0], [0, 0.3, 0]]
     np.testing.assert_allclose(found, expected, atol=1e-12)
-    with pytest.raises(UsageError, match="`bark:` takes 3 number"):
-        plant_of("axiom: F\nbark: 1 2\n")
+    for wrong in ("1 2", "1 2 3, 4", ""):
+        with pytest.raises(UsageError, match="`bark:` takes three numbers for each colour"):
+            plant_of(f"axiom: F\nbark: {wrong}\n")
 
 
 @pytest.mark.parametrize("path", sorted(GRAMMARS.rglob("*.lsys")), ids=lambda path: path.stem)
