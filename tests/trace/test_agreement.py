@@ -426,8 +426,10 @@ def assert_engines_agree(
     assert (np.abs(a.t[hit] - b.t[hit]) <= 1e-9 * np.maximum(1.0, np.abs(a.t[hit]))).all()
     assert np.isinf(b.t[~hit]).all()
     assert np.abs(a.normal - b.normal)[hit].max(initial=0.0) <= 1e-6
-    for name in ("label", "color", "material", "texture", "texture_scale"):
+    for name in ("label", "material", "texture", "texture_scale"):
         assert np.array_equal(getattr(a, name), getattr(b, name)), name
+    # Blobs mix colours by fields, which differ in the last bits of the place.
+    np.testing.assert_allclose(a.color, b.color, rtol=0.0, atol=1e-6)
     found: np.ndarray = a.leaf
     return found
 
