@@ -30,11 +30,14 @@ class Source:
     ----------
     folder
         What names of files in it are relative to.
+    written
+        Whether it is what stands in the file of that name, so that places in it mean something.
     """
 
     name: str
     text: str = field(repr=False)
     folder: str = field(default="", repr=False, compare=False)
+    written: bool = field(default=True, repr=False, compare=False)
 
     @cached_property
     def line_starts(self) -> tuple[int, ...]:
@@ -89,6 +92,8 @@ class SourceSpan:
         return self.body.folder if self.body else self.source.folder
 
     def __str__(self) -> str:
+        if not self.source.written:
+            return self.source.name
         line, column = self.source.locate(self.start)
         return f"{self.source.name}:{line}:{column}"
 
@@ -149,7 +154,7 @@ class Diagnostic:
         """Return the diagnostic as text for people."""
         place = f"{self.span}: " if self.span else ""
         lines = [f"{place}{self.severity}[{self.code}]: {self.message}"]
-        if self.span:
+        if self.span and self.span.source.written:
             lines.append(self.span.excerpt())
         if self.expected:
             lines.append(f"  expected: {self.expected}")
@@ -157,7 +162,7 @@ class Diagnostic:
             lines.append(f"  help: {self.hint}")
         for message, span in self._all_notes():
             lines.append(f"  note: {f'{span}: ' if span else ''}{message}")
-            if span:
+            if span and span.source.written:
                 lines.append(span.excerpt())
         return "\n".join(lines)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,9 +14,9 @@ from numpy.typing import NDArray
 
 from pcsg.blobtree.lsystem import LSystem, read_lsystem
 from pcsg.blobtree.nodes import Field, color, place, polygon, union
-from pcsg.blobtree.tree import Colour, Junctions, grow
+from pcsg.blobtree.tree import CONTACT, Colour, Junctions, grow
 from pcsg.blobtree.turtle import Drawing, draw
-from pcsg.errors import EnvironmentFault, UsageError
+from pcsg.errors import EnvironmentFault, UsageError, suggest
 
 Array = NDArray[np.float64]
 
@@ -25,6 +27,26 @@ LEAF_OUTLINE = np.array(
     [(0.0, 0.0), (0.30, -0.20), (0.62, -0.16), (1.0, 0.0), (0.62, 0.16), (0.30, 0.20)]
 )
 """A leaf along x, of length 1."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the lines ``name: value`` of an L-system say.
+
+    Attributes
+    ----------
+    bark, leaves
+        Linear colours, one after the other as the turtle's ``'`` counts.
+    seed
+        None where it is not given.
+    """
+
+    junctions: Junctions
+    bark: tuple[Colour, ...]
+    leaves: tuple[Colour, ...]
+    thickness: float
+    seed: int | None
+
 
 SETTINGS = ("junctions", "bark", "leaves", "bend", "tip", "printed", "seed", "thickness")
 
@@ -54,14 +76,15 @@ def read_text(path: Path) -> str:
         It cannot be read, or a line is not understood.
     """
     text = read_plain(path)
-    read_lsystem(text, path.name)
+    with _told(path.name):
+        read_settings(read_lsystem(text, path.name))
     return text
 
 
 def plant_of(text: str, name: str = "<text>", seed: int | None = None) -> Field:
     """Return the field of the plant that an L-system's text describes."""
     with _told(name):
-        return assemble(*_drawn(text, name, seed), name)
+        return assemble(*_drawn(text, name, seed))
 
 
 def drawing_of(text: str, name: str = "<text>", seed: int | None = None) -> Drawing:
@@ -83,65 +106,82 @@ def _told(name: str) -> Iterator[None]:
         raise EnvironmentFault(f"{name}: not enough memory for its string") from None
 
 
-def _drawn(text: str, name: str, seed: int | None) -> tuple[Drawing, LSystem]:
+def _drawn(text: str, name: str, seed: int | None) -> tuple[Drawing, Settings]:
     system = read_lsystem(text, name, 0 if seed is None else seed)
-    unknown = [s for s in system.settings if s not in SETTINGS]
-    if unknown:
-        raise UsageError(f"unknown setting `{unknown[0]}`; there are {', '.join(SETTINGS)}")
-    if seed is None and "seed" in system.settings:
-        system = read_lsystem(text, name, int(_numbers(system, name, "seed", (0.0,))[0]))
+    settings = read_settings(system)
+    if seed is None and settings.seed is not None:
+        system = read_lsystem(text, name, settings.seed)
     angle, width = system.constants.get("angle", 30.0), system.constants.get("width", 0.1)
-    return draw(system.derive(), angle, width), system
+    return draw(system.derive(), angle, width), settings
 
 
-def _numbers(
-    system: LSystem, name: str, setting: str, default: tuple[float, ...]
-) -> tuple[float, ...]:
-    text = system.settings.get(setting)
-    if text is None:
-        return default
+def read_settings(system: LSystem) -> Settings:
+    """Return the settings of an L-system.
+
+    Raises
+    ------
+    UsageError
+        One is not known, or its value is not what it takes.
+    """
+    for name in system.settings:
+        if name not in SETTINGS:
+            hint = suggest(name, SETTINGS)
+            known = hint or f"there are {', '.join(SETTINGS)}"
+            raise UsageError(f"unknown setting `{name}`; {known}")
+
+    def number(name: str, default: float) -> float:
+        text = system.settings.get(name)
+        found = (default,) if text is None else _numbers(text)
+        if len(found) != 1:
+            raise UsageError(f"`{name}:` takes a number, not `{text}`")
+        return found[0]
+
+    def colours(name: str, default: Colour) -> tuple[Colour, ...]:
+        text = system.settings.get(name)
+        found = default if text is None else _numbers(text)
+        if not found or len(found) % 3:
+            raise UsageError(f"`{name}:` takes three numbers for each colour, not `{text}`")
+        return tuple((found[k], found[k + 1], found[k + 2]) for k in range(0, len(found), 3))
+
+    junctions = Junctions(
+        mode=system.settings.get("junctions", CONTACT),
+        bend=number("bend", 0.0),
+        tip=number("tip", 0.3),
+        printed=number("printed", 0.0) != 0.0,
+    )
+    return Settings(
+        junctions,
+        colours("bark", BARK),
+        colours("leaves", LEAF),
+        number("thickness", 0.012),
+        int(number("seed", 0.0)) if "seed" in system.settings else None,
+    )
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers in a text, none if anything else is there."""
     try:
-        values = tuple(float(v) for v in text.replace(",", " ").split())
+        found = tuple(float(v) for v in text.replace(",", " ").split())
     except ValueError:
-        values = ()
-    if len(values) != len(default):
-        raise UsageError(f"{name}: `{setting}:` takes {len(default)} number(s), not `{text}`")
-    return values
+        return ()
+    return found if all(map(math.isfinite, found)) else ()
 
 
-def _colours(system: LSystem, name: str, setting: str, default: Colour) -> list[Colour]:
-    """Return the colours of a setting, one after the other as the turtle's ``'`` counts."""
-    text = system.settings.get(setting)
-    if text is None:
-        return [default]
-    count = len(text.replace(",", " ").split())
-    if count == 0 or count % 3:
-        raise UsageError(f"{name}: `{setting}:` takes three numbers for each colour, not `{text}`")
-    values = _numbers(system, name, setting, (0.0,) * count)
-    return [(values[k], values[k + 1], values[k + 2]) for k in range(0, count, 3)]
-
-
-def assemble(drawing: Drawing, system: LSystem, name: str = "<text>") -> Field:
+def assemble(drawing: Drawing, settings: Settings) -> Field:
     """Return wood and leaves of what a turtle has drawn."""
     parts: list[Field] = []
     if len(drawing.skeleton.base):
-        junctions = Junctions(
-            mode=system.settings.get("junctions", "contact").strip(),
-            bend=_numbers(system, name, "bend", (0.0,))[0],
-            tip=_numbers(system, name, "tip", (0.3,))[0],
-            printed=bool(_numbers(system, name, "printed", (0.0,))[0]),
-        )
-        parts.append(grow(drawing.skeleton, junctions, _colours(system, name, "bark", BARK)))
-    palette = _colours(system, name, "leaves", LEAF)
-    thickness = _numbers(system, name, "thickness", (0.012,))[0]
-    blades: list[list[Field]] = [[] for _ in palette]
-    last = len(palette) - 1
+        parts.append(grow(drawing.skeleton, settings.junctions, settings.bark))
+    blades: list[list[Field]] = [[] for _ in settings.leaves]
+    last = len(blades) - 1
     for at, frame, size, number in zip(*drawing.leaves, strict=True):
         if size > 0.0:
-            blades[min(int(number), last)].append(_leaf(at, frame, size, thickness))
+            blades[min(int(number), last)].append(_leaf(at, frame, size, settings.thickness))
     for corners, number in drawing.polygons:
-        blades[min(number, last)] += _sheets(corners, thickness)
-    parts += [color(*c, union(*some)) for c, some in zip(palette, blades, strict=True) if some]
+        blades[min(number, last)] += _sheets(corners, settings.thickness)
+    parts += [
+        color(*c, union(*some)) for c, some in zip(settings.leaves, blades, strict=True) if some
+    ]
     if not parts:
         raise UsageError("it draws nothing")
     return parts[0] if len(parts) == 1 else union(*parts)

@@ -35,6 +35,9 @@ from pcsg.errors import UsageError
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
+LARGEST = 1e100
+"""A coordinate beyond has no square."""
+
 
 class Skeleton(NamedTuple):
     """Internodes of a plant, parents before children.
@@ -125,6 +128,8 @@ def draw(string: Sequence[Letter], angle: float = 30.0, width: float = 0.1) -> D
         if symbol in "FfG":
             length = 1.0 if first is None else first
             to = tuple(p + length * h for p, h in zip(s.place, s.heading, strict=True))
+            if not max(map(abs, to)) < LARGEST:
+                raise UsageError(f"{symbol}({length:g}): it leads too far away")
             here: Vector = (to[0], to[1], to[2])
             if symbol == "F" and length > 0.0:
                 rows.append((s.place, here, s.width, s.width, s.last, not s.own, s.colour))
@@ -185,6 +190,8 @@ def draw(string: Sequence[Letter], angle: float = 30.0, width: float = 0.1) -> D
             if outline is not None and len(outline) >= 3:
                 polygons.append(Polygon(np.array(outline), s.colour))
             outline = None
+    if stack:
+        raise UsageError("the string has a `[` without `]`")
     return Drawing(_skeleton(rows, tops), _leaves(leaves), polygons)
 
 

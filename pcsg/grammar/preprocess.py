@@ -84,9 +84,8 @@ def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
             problems += species_mistakes(source.text, source.name)
         if form is not None:
             text = form.replace("NAME", path.name)
-            # What is shown of it is not what stands in the file.
-            name = f"{path} (as a grammar)"
-            source = None if problems else Source(name, text, str(path.parent))
+            folder = str(path.parent)
+            source = None if problems else Source(str(path), text, folder, written=False)
     if source is None:
         return Preprocessed(None, [], problems)
     return _preprocess(source, path.resolve(), path.parent, include, problems)

@@ -72,6 +72,8 @@ def fault_diagnostic(
     """
     node = graph.nodes[node_number]
     message = _MESSAGES[kind].format(where=_describe(node))
+    if kind == BAD_ARGUMENT and isinstance(node, Leaf) and node.constants:
+        message = f"this `{node.solid.name}` cannot be made"
     if detail:
         message += f": {detail}"
     notes = [(f"derivation: {format_path(path)}", None)]

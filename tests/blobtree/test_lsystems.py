@@ -153,6 +153,37 @@ def test_the_turtle_widths_and_branches() -> None:
     assert s.end[1][2] == pytest.approx(3.0)
 
 
+def test_brackets_and_lengths_that_cannot_be_are_told() -> None:
+    with pytest.raises(UsageError, match="`\\[` without `\\]`"):
+        plant_of("axiom: F [ F\n")
+    with pytest.raises(UsageError, match="`\\]` without `\\[`"):
+        plant_of("axiom: F ] F\n")
+    with pytest.raises(UsageError, match="leads too far"):
+        plant_of("axiom: F(1e300) F(1e300)\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("axiom: A\nAB -> C\n", "bad.lsys:2: a rule rewrites exactly one module"),
+        ("axiom: F\nbarck: 1 2 3\n", "unknown setting `barck`; did you mean `bark`?"),
+        ("axiom: F\ntip: thin\n", "`tip:` takes a number, not `thin`"),
+        ("axiom: F\njunctions: tight\n", "junctions are one of smooth, contact, aged"),
+        ("axiom: !(-1) F\n", "this `blob` cannot be made: bad.lsys: !(-1): a width must be > 0"),
+    ],
+)
+def test_mistakes_of_a_file_are_not_shown_in_a_grammar_nobody_wrote(
+    tmp_path: Path, text: str, told: str
+) -> None:
+    file = tmp_path / "bad.lsys"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(GrammarError) as caught:
+        pcsg.load(file)
+    message = str(caught.value)
+    assert message.startswith(f"{file}: error[") and told in message
+    assert "material(plant)" not in message
+
+
 def test_cut_and_polygons_and_leaves() -> None:
     drawing = draw(read_lsystem("axiom: F[%F L(2)]L(0.5){G+(120)G+(120)G}").derive(0))
     assert len(drawing.skeleton.base) == 1
