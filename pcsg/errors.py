@@ -189,8 +189,9 @@ class Diagnostic:
 
 
 def _place_json(span: SourceSpan | None) -> dict[str, Any]:
-    if span is None:
-        return {"file": None, "line": None, "column": None, "end_line": None, "end_column": None}
+    if span is None or not span.source.written:
+        file = span.source.name if span else None
+        return {"file": file, "line": None, "column": None, "end_line": None, "end_column": None}
     line, column = span.source.locate(span.start)
     end_line, end_column = span.source.locate(span.end)
     return {

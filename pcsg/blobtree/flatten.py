@@ -22,9 +22,9 @@ from pcsg.blobtree.boxes import (
     range_of,
     transform,
 )
-from pcsg.blobtree.evaluate import frame_of
 from pcsg.blobtree.fields import REACH
 from pcsg.blobtree.layout import ANCHOR, ATTRIBUTES, LOOSE, SILENT, SLIM, SLOT
+from pcsg.blobtree.meeting import frame_of
 from pcsg.blobtree.nodes import Bent, Combination, Cones, Field, Painted, Placed, Primitive
 from pcsg.blobtree.points import MODEL_SLOTS
 from pcsg.blobtree.skeletons import SKELETONS
@@ -141,7 +141,7 @@ class Flattener:
         self.chains: list[int] = []
         self.chain_numbers: dict[tuple[int, ...], tuple[int, float, float]] = {}
         self.operators: list[_Operator] = []
-        self.numbers: dict[tuple[float, ...], int] = {}
+        self.args_at: dict[tuple[float, ...], int] = {}
         self.attribute_rows: list[tuple[float, ...]] = [(math.nan,) * len(MODEL_SLOTS)]
         self.attribute_numbers = {self.attribute_rows[0]: 0}
         # What is known by its identity must stay.
@@ -194,11 +194,11 @@ class Flattener:
     ) -> int:
         blend = BLENDS[name]
         numbers = tuple(blend.arguments(args, children))
-        if numbers not in self.numbers:
-            self.numbers[numbers] = len(self.floats)
+        if numbers not in self.args_at:
+            self.args_at[numbers] = len(self.floats)
             self.floats.extend(numbers)
         loose = blend.alone and (parent < 0 or self.operators[parent].loose)
-        self.operators.append(_Operator(parent, blend, slot, self.numbers[numbers], loose))
+        self.operators.append(_Operator(parent, blend, slot, self.args_at[numbers], loose))
         return len(self.operators) - 1
 
     def _add_operator(

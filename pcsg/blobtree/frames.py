@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def frames_of(axis: Array) -> tuple[Array, Array]:
-    """Return two directions across each axis (N, 3), as `evaluate.frame_of` does for one."""
+    """Return two directions across each axis (N, 3), as `meeting.frame_of` does for one."""
     x, y, z = axis.T
     sign = np.copysign(1.0, z)
     a = -1.0 / (sign + z)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.blobtree.evaluate import hull, leaf_hull, meet, pull_back
+from pcsg.blobtree.evaluate import hull, leaf_hull, pull_back
 from pcsg.blobtree.layout import (
     ABOUT,
     ATTRIBUTES,
@@ -28,6 +28,7 @@ from pcsg.blobtree.layout import (
     Work,
     wide,
 )
+from pcsg.blobtree.meeting import meet
 from pcsg.blobtree.skeletons import skeleton_ladder
 from pcsg.jit import njit
 from pcsg.vec import Vec3

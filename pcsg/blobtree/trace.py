@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.blobtree.evaluate import hull, meet, passes_by
+from pcsg.blobtree.evaluate import hull
 from pcsg.blobtree.fields import T
 from pcsg.blobtree.layout import (
     ABOUT,
@@ -34,6 +34,7 @@ from pcsg.blobtree.layout import (
     Work,
     wide,
 )
+from pcsg.blobtree.meeting import meet, passes_by
 from pcsg.jit import njit
 from pcsg.vec import Ray, Vec3
 

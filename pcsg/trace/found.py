@@ -48,8 +48,13 @@ def make_found(n: int) -> Found:
     return Found(t, record, *vectors)
 
 
+UV, OTHER_UV, OWN = range(3)
+"""What leaves can be asked about a place: (u, v), `Solid.other_uv`, `Solid.attributes`."""
+
+
 @njit(entry=True)
-def find_uv(
+def ask_leaves(
+    asked: int,
     leaves: NDArray[np.int32],
     args: NDArray[np.float64],
     pool: Pool,
@@ -57,7 +62,7 @@ def find_uv(
     local: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:
-    """Write the surface coordinates of hits; those of misses stay.
+    """Write what leaves answer about the places of hits; rows of misses stay.
 
     Parameters
     ----------
@@ -65,63 +70,22 @@ def find_uv(
         As in `Trees`.
     record, local
         As in `Found`.
-    out : float64 (N, 2)
+    out : float64 (N, 2), (N, 6) or (N, 4)
     """
     for i in range(len(record)):
-        if record[i] >= 0:
-            leaf = 4 * record[i]
-            p = Vec3(local[i, 0], local[i, 1], local[i, 2])
-            out[i, 0], out[i, 1] = leaf_uv(leaves[leaf], p, args, leaves[leaf + 1], pool)
-
-
-@njit(entry=True)
-def find_other_uv(
-    leaves: NDArray[np.int32],
-    args: NDArray[np.float64],
-    pool: Pool,
-    record: NDArray[np.int32],
-    local: NDArray[np.float64],
-    out: NDArray[np.float64],
-) -> None:
-    """Write the surface coordinates of two more parts, and their shares.
-
-    Parameters
-    ----------
-    leaves, args, pool, record, local
-        As for `find_uv`.
-    out : float64 (N, 2, 3)
-    """
-    for i in range(len(record)):
-        if record[i] >= 0:
-            leaf = 4 * record[i]
-            p = Vec3(local[i, 0], local[i, 1], local[i, 2])
-            others = leaf_other_uv(leaves[leaf], p, args, leaves[leaf + 1], pool)
+        if record[i] < 0:
+            continue
+        leaf = 4 * record[i]
+        kind, at = leaves[leaf], leaves[leaf + 1]
+        p = Vec3(local[i, 0], local[i, 1], local[i, 2])
+        if asked == UV:
+            out[i, 0], out[i, 1] = leaf_uv(kind, p, args, at, pool)
+        elif asked == OTHER_UV:
+            others = leaf_other_uv(kind, p, args, at, pool)
             for k in range(6):
-                out[i, k // 3, k % 3] = others[k]
-
-
-@njit(entry=True)
-def find_own_attributes(
-    leaves: NDArray[np.int32],
-    args: NDArray[np.float64],
-    pool: Pool,
-    record: NDArray[np.int32],
-    local: NDArray[np.float64],
-    out: NDArray[np.float64],
-) -> None:
-    """Write the colours and labels that leaves with data have themselves; negative for none.
-
-    Parameters
-    ----------
-    leaves, args, record, local
-        As for `find_uv`.
-    out : float64 (N, 4)
-    """
-    for i in range(len(record)):
-        if record[i] >= 0:
-            leaf = 4 * record[i]
-            p = Vec3(local[i, 0], local[i, 1], local[i, 2])
-            own = leaf_attributes(leaves[leaf], p, args, leaves[leaf + 1], pool)
+                out[i, k] = others[k]
+        else:
+            own = leaf_attributes(kind, p, args, at, pool)
             for k in range(4):
                 out[i, k] = own[k]
 
@@ -170,20 +134,18 @@ class FoundHits(Hits):
         default = getattr(Solid, kernel)
         return any(getattr(solids[kind], kernel) is not default for kind in kinds)
 
-    @property
-    def _leaves(self) -> tuple[Any, Any, Any, Any, Any]:
-        """What kernels read that look leaves up."""
+    def _ask_leaves(self, asked: int, out: NDArray[np.float64]) -> NDArray[np.float64]:
         found, blocks = self._found, self._blocks
-        return blocks.leaves, blocks.args, self._pool, found.record, found.local
+        arrays = blocks.leaves, blocks.args, self._pool, found.record, found.local
+        ask_leaves(asked, *arrays, out)
+        return out
 
     @cached_property
     def _own(self) -> Any:
         """Colours and labels of the leaves' own, None where no leaf has any."""
         if not self._any_leaf_has("attributes"):
             return None
-        own = np.full((len(self.t), 4), -1.0)
-        find_own_attributes(*self._leaves, own)
-        return own
+        return self._ask_leaves(OWN, np.full((len(self.t), 4), -1.0))
 
     @cached_property
     def leaf(self) -> Any:
@@ -193,17 +155,15 @@ class FoundHits(Hits):
     @cached_property
     def uv(self) -> Any:
         """Surface coordinates."""
-        uv = np.zeros((len(self.t), 2))
-        find_uv(*self._leaves, uv)
-        return self._complete("uv", uv)
+        return self._complete("uv", self._ask_leaves(UV, np.zeros((len(self.t), 2))))
 
     @cached_property
     def other_uv(self) -> Any:
         """Surface coordinates of two more parts, and their shares."""
-        others = np.zeros((len(self.t), 2, 3))
+        others = np.zeros((len(self.t), 6))
         if self._any_leaf_has("other_uv"):
-            find_other_uv(*self._leaves, others)
-        return self._complete("other_uv", others)
+            self._ask_leaves(OTHER_UV, others)
+        return self._complete("other_uv", others.reshape(-1, 2, 3))
 
     @cached_property
     def color(self) -> Any:

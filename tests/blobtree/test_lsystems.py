@@ -182,6 +182,7 @@ def test_mistakes_of_a_file_are_not_shown_in_a_grammar_nobody_wrote(
     message = str(caught.value)
     assert message.startswith(f"{file}: error[") and told in message
     assert "material(plant)" not in message
+    assert caught.value.diagnostics[0].to_json()["line"] is None
 
 
 def test_cut_and_polygons_and_leaves() -> None:
