@@ -75,7 +75,7 @@ def _write_intervals(scratch: Scratch, n: int, used: int, out: Intervals) -> int
             count += 1
         elif entered < 0:
             entered = used + count
-            out.t_in[entered] = t
+            out.t_in[entered], out.t_out[entered] = t, math.inf
             count += 1
         else:
             out.t_out[entered] = t

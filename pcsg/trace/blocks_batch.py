@@ -17,7 +17,7 @@ from pcsg.trace.ends import CUT
 from pcsg.trace.found import Found
 from pcsg.trace.kernel import Cut, Extent, find_exit, find_first
 from pcsg.trace.small import ENTRY, HEADER
-from pcsg.trace.traversal import HIT, HIT_PATH, INSIDE, SLOT, Scratch, T, Trees
+from pcsg.trace.traversal import HIT, HIT_PATH, INSIDE, MISS, SLOT, Scratch, T, Trees
 from pcsg.vec import Ray, Vec3, load_affine, normalize, transform_normal, transform_ray
 
 OK, BAD_RAY = 0, 1
@@ -28,10 +28,11 @@ _DIFFERENCE = DIFFERENCE.kind
 @njit(inline=True)
 def _is_sound(ray: Ray) -> bool:
     """Return whether a ray is finite, is going anywhere, and has limits."""
-    # Infinity less itself is not a number.
-    total = ray.ox + ray.oy + ray.oz + ray.dx + ray.dy + ray.dz
+    # Infinity less itself is not a number; sums of finite components may be infinite.
+    nothing = (ray.ox - ray.ox) + (ray.oy - ray.oy) + (ray.oz - ray.oz)
+    nothing += (ray.dx - ray.dx) + (ray.dy - ray.dy) + (ray.dz - ray.dz)
     still = ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0
-    return total - total == 0.0 and not still and ray.tmin == ray.tmin and ray.tmax == ray.tmax
+    return nothing == 0.0 and not still and ray.tmin == ray.tmin and ray.tmax == ray.tmax
 
 
 @njit(inline=True)
@@ -42,6 +43,7 @@ def _miss(out: Found, i: int) -> None:
     for k in range(3):
         out.position[i, k] = 0.0
         out.normal[i, k] = 0.0
+        out.local[i, k] = 0.0
 
 
 @njit(inline=True)
@@ -137,8 +139,10 @@ def find_batch(
     Returns
     -------
     int
-        OK, or BAD_RAY where a ray is zero, or not finite, or without limits.
+        OK, or BAD_RAY where a ray is zero, or not finite, or without limits; it meets nothing, and
+        the others are answered all the same.
     """
+    status = OK
     describe = len(found.t) > 0
     own_min, own_max = len(t_min) > 1, len(t_max) > 1
     for i in range(begin, end):
@@ -153,7 +157,11 @@ def find_batch(
             t_max[i if own_max else 0],
         )
         if not _is_sound(ray):
-            return BAD_RAY
+            status = BAD_RAY
+            answers[i] = MISS
+            if describe:
+                _miss(found, i)
+            continue
         width = spread = 0.0
         if cut is not None:
             width, spread = footprint.width[i], footprint.spread[i]
@@ -166,4 +174,4 @@ def find_batch(
                 _describe(trees, pool, scratch, ray, i, cut, found)
             else:
                 _miss(found, i)
-    return OK
+    return status

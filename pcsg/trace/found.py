@@ -29,7 +29,7 @@ class Found(NamedTuple):
     position, normal : float64 (N, 3)
         World coordinates; unit and outward. Zero where missed.
     local : float64 (N, 3)
-        The place in the leaf's frame; nothing where missed.
+        The place in the leaf's frame; zero where missed.
     """
 
     t: NDArray[np.float64]

@@ -7,6 +7,12 @@ import pytest
 
 import pcsg
 from pcsg.errors import UsageError
+from pcsg.leaf.registry import FIRST
+from pcsg.trace.blocks_batch import BAD_RAY, find_batch
+from pcsg.trace.coverage import NO_FOOTPRINT
+from pcsg.trace.found import make_found
+from pcsg.trace.rays import shape_rays
+from pcsg.trace.traversal import MISS, UNDECIDED
 
 COLOURED = """
 ball | move(3,0,0) color(1,0,0) label(7) torus(0.3) | move(0,3,0) material(bark) uscale(0.5) box
@@ -97,3 +103,43 @@ def test_rays_from_within_are_answered_without_lists(monkeypatch: pytest.MonkeyP
         np.testing.assert_allclose(found.t, expected.t, rtol=1e-9)
         np.testing.assert_allclose(found.normal, expected.normal, atol=1e-9)
     np.testing.assert_array_equal(scene.occluded(origins, directions, 0.0, 0.5), blocked)
+
+
+@pytest.mark.parametrize("where", [0, 7, 399])
+@pytest.mark.parametrize("far", [(1e308, 1e308, 0), (1e308, 1e308, -1e308), (0, 1.7e308, 1.7e308)])
+def test_a_ray_whose_components_add_up_to_infinity_ends_nothing(
+    where: int, far: tuple[float, float, float]
+) -> None:
+    origins, directions = _rays()
+    scene = pcsg.loads(COLOURED, engine="states", threads=1)
+    kept = np.arange(len(origins)) != where
+    expected = scene.intersect(origins[kept], directions[kept])
+    hidden = scene.occluded(origins[kept], directions[kept])
+    for of_origins in (True, False):
+        o, d = origins.copy(), directions.copy()
+        (o if of_origins else d)[where] = far
+        found = scene.intersect(o, d)
+        for name in NAMES:
+            np.testing.assert_array_equal(getattr(found, name)[kept], getattr(expected, name))
+        assert not of_origins or (found.t[where] == np.inf and found.leaf[where] == -1)
+        assert (found.uv[where] == 0).all() or found.mask[where]
+        assert (scene.occluded(o, d)[kept] == hidden).all()
+
+
+def test_a_ray_that_cannot_be_traced_leaves_the_others_answered() -> None:
+    origins, directions = _rays()
+    tracer = pcsg.loads(COLOURED, engine="states", threads=1).tracer
+    expected = tracer.intersect(origins, directions)
+    origins[3, 1] = np.inf
+    found, answers = make_found(len(origins)), np.full(len(origins), 99, np.int8)
+    rays = shape_rays(origins, directions, 0.0, np.inf)
+    for array in found:
+        array[...] = 99
+    scratch, _ = tracer._own()
+    arrays = tracer._trees, tracer._pool, scratch, tracer.blocks.root, tracer._extent
+    status = find_batch(*arrays, FIRST, None, NO_FOOTPRINT, *rays, 0, len(origins), found, answers)
+    assert status == BAD_RAY
+    assert answers[3] == MISS and found.t[3] == np.inf and found.record[3] == -1
+    assert not (answers == 99).any() and not any((array == 99).any() for array in found)
+    decided = (answers != UNDECIDED) & (np.arange(len(origins)) != 3)
+    assert (found.t[decided] == expected.t[decided]).all()
