@@ -22,6 +22,7 @@ FLOORS: list[set[str]] = [
         "jit",
         "vec",
         "indices",
+        "inputs",
         "simd",
         "slabs",
         "meshfile",
