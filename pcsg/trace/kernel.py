@@ -284,6 +284,8 @@ def find_first(
             answer, t = step_operation(
                 trees, pool, scratch, code, want, entry, top, at_level, touch, near, far, hit, best
             )
+            # Questions have prepared rays of their own for boxes.
+            present = -1
             if answer == HIT:
                 hit = HIT
                 best = t

@@ -244,7 +244,15 @@ def ask(
             limit, nearest = limits[LIMITS * frame], limits[LIMITS * frame + 2]
             present = -1
             returns = not decided
-            if returns:
+            if returns and not until < math.inf and far < limit:
+                # It was asked no farther than to where a leaf beside it begins. That matters no
+                # longer, because the operation is there at t: until where, up to the limit?
+                far = limit
+                returns = False
+                found = True
+                entry = t
+                code = wide(paths[at_level]) << 3 | OPERATION
+            elif returns:
                 state = 1
                 u = until
                 copy_path(paths, own, kept)

@@ -45,6 +45,37 @@ def test_nested_differences_agree_in_both_ways_to_ask(text: str) -> None:
     np.testing.assert_array_equal(states.occluded(*rays), a.mask)
 
 
+BALLS = " | ".join(f"move({3 * (k % 4)},{3 * (k // 4)},4) uscale(.8) sphere" for k in range(8))
+DRUMS = " | ".join(f"move({3 * (k % 4)},{3 * (k // 4)},0) uscale(.8) cylinder" for k in range(8))
+BESIDE = f"""{{}} ((A1 \\ move(.5,0,0) uscale(.7) box) | {DRUMS} | {BALLS})
+1: A1 -> uscale(2) cylinder | move(4,2,2) uscale(2) sphere
+"""
+PUT_UP = """{} ((move(0,1,0) B \\ sphere) | uscale(1.2) sphere)
+1: B -> box | move(0,0,5) sphere
+"""
+
+
+@pytest.mark.parametrize("text", [BESIDE, PUT_UP], ids=["beside", "put up"])
+@pytest.mark.parametrize("inside", [False, True])
+def test_what_stands_beside_an_operation_is_found(text: str, inside: bool) -> None:
+    walked, states = (pcsg.loads(text, engine=engine) for engine in ("cyclic", "states"))
+    origins, directions = rays_at(walked.bounds, 4_000)
+    if inside:
+        low, high = walked.bounds
+        targets = origins + directions
+        origins = low + np.random.default_rng(4).random(origins.shape) * (high - low)
+        directions = targets - origins
+    a, b = walked.intersect(origins, directions), states.intersect(origins, directions)
+    np.testing.assert_allclose(b.t, a.t, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(b.normal, a.normal, atol=1e-6)
+    np.testing.assert_array_equal(states.occluded(origins, directions), a.mask)
+
+
+def test_an_operation_ends_though_something_begins_before() -> None:
+    scene = pcsg.loads(PUT_UP, engine="states")
+    assert scene.intersect([(-0.75, 1.0, -0.5)], [(1.0, 0.0, 0.0)]).t == [1.75]
+
+
 def test_the_first_fault_of_many_threads_is_told_and_nothing_runs_on() -> None:
     done: list[int] = []
 
