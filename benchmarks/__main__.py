@@ -1,15 +1,28 @@
-"""Measure everything, or the subjects that are named.
+"""Measure everything, or the subjects that are named; or compare two versions.
 
-``python -m benchmarks [--write] [--tiny] [SUBJECT...]``
+``python -m benchmarks [--write] [--tiny] [SUBJECT...]``, ``python -m benchmarks compare OLD NEW``
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from pathlib import Path
 
-from benchmarks import blobs, detail, growth, mesh, modes, operations, pictures, rays, trees, wood
+from benchmarks import (
+    blobs,
+    compare,
+    detail,
+    growth,
+    mesh,
+    modes,
+    operations,
+    pictures,
+    rays,
+    trees,
+    wood,
+)
 from benchmarks.report import Effort, Subject, describe_machine, lines_of
 from benchmarks.results import merge
 
@@ -42,12 +55,19 @@ RESULTS = Path(__file__).parent / "RESULTS.md"
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser("python -m benchmarks", description="Ours beside peers.")
+    words = sys.argv[1:] if arguments is None else arguments
+    if words[:1] == ["compare"]:
+        sys.exit(compare.main(words[1:]))
+    parser = argparse.ArgumentParser(
+        "python -m benchmarks",
+        description="Ours beside peers.",
+        epilog="`compare OLD NEW` instead of subjects: one version against another.",
+    )
     names = [subject.name for subject in SUBJECTS]
     parser.add_argument("subjects", nargs="*", metavar="SUBJECT", help=", ".join(names))
     parser.add_argument("--write", action="store_true", help="put the tables into RESULTS.md")
     parser.add_argument("--tiny", action="store_true", help="small sizes: whether it runs at all")
-    options = parser.parse_args(arguments)
+    options = parser.parse_args(words)
     unknown = set(options.subjects) - set(names)
     if unknown:
         parser.error(f"no subject {', '.join(sorted(unknown))}; there are {', '.join(names)}")

@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from benchmarks import povray
-from benchmarks.pictures import measure_command
-from benchmarks.report import Effort, Row, Subject
+from benchmarks.report import Effort, Row, Subject, measure_command
 from pcsg.blobtree.fields import REACH
 from pcsg.blobtree.model import Model
 from pcsg.blobtree.nodes import Cones

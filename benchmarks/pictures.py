@@ -2,32 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks import povray
-from benchmarks.report import Effort, Row, Subject, ratio
+from benchmarks.report import Effort, Row, Subject, measure_command, ratio
 from benchmarks.scenes import SCENES, triangles_of
 from benchmarks.views import look_at
-
-
-def measure_command(command: Sequence[str], **variables: str) -> tuple[float, float, float]:
-    """Return seconds on the clock, processor seconds and peak megabytes of a command."""
-    script = (
-        "import resource, subprocess, sys, time; t = time.perf_counter();"
-        "subprocess.run(sys.argv[1:], check=True, capture_output=True);"
-        "r = resource.getrusage(resource.RUSAGE_CHILDREN);"
-        "print(time.perf_counter() - t, r.ru_utime + r.ru_stime, r.ru_maxrss / 1e3)"
-    )
-    environment = {**os.environ, **variables}
-    line = [sys.executable, "-c", script, *command]
-    told = subprocess.run(line, check=True, capture_output=True, text=True, env=environment)
-    clock, processor, peak = map(float, told.stdout.split())
-    return clock, processor, peak
 
 
 def _render(folder: str, name: str, size: int, *more: str) -> list[str]:

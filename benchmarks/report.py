@@ -10,8 +10,9 @@ import importlib.metadata
 import os
 import platform
 import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -123,6 +124,21 @@ def best_times(
             run()
             best[name] = min(best[name], clock() - start)
     return best
+
+
+def measure_command(command: Sequence[str], **variables: str) -> tuple[float, float, float]:
+    """Return seconds on the clock, processor seconds and peak megabytes of a command."""
+    script = (
+        "import resource, subprocess, sys, time; t = time.perf_counter();"
+        "subprocess.run(sys.argv[1:], check=True, capture_output=True);"
+        "r = resource.getrusage(resource.RUSAGE_CHILDREN);"
+        "print(time.perf_counter() - t, r.ru_utime + r.ru_stime, r.ru_maxrss / 1e3)"
+    )
+    environment = {**os.environ, **variables}
+    line = [sys.executable, "-c", script, *command]
+    told = subprocess.run(line, check=True, capture_output=True, text=True, env=environment)
+    clock, processor, peak = map(float, told.stdout.split())
+    return clock, processor, peak
 
 
 def ratio(a: float | None, b: float | None) -> float | None:

@@ -1,4 +1,7 @@
-"""The scenes that are measured: a new one is one line of `SCENES`."""
+"""The scenes that are measured: a new one is one line of `SCENES`.
+
+What is imported at once is public, so that comparisons can load scenes with another version.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 import pcsg
-from benchmarks import meshes
-from benchmarks.meshes import Triangles
-from pcsg.scene import Scene
-from pcsg.trace.tracer import Engine
+from benchmarks.views import Floats
+
+if TYPE_CHECKING:
+    from benchmarks.meshes import Triangles
+    from pcsg.scene import Scene
+    from pcsg.trace.tracer import Engine
 
 HERE = Path(__file__).parent
 GRAMMARS = HERE.parent / "grammars"
@@ -49,6 +56,18 @@ class Subjected:
             engine=engine,
             block_memory=self.block_memory,
         )
+
+
+def _solids(scene: Scene) -> Triangles:
+    from benchmarks.meshes import solids
+
+    return solids(scene)
+
+
+def _terrain(scene: Scene) -> Triangles:
+    from benchmarks.meshes import terrain
+
+    return terrain(scene)
 
 
 def _file(name: str) -> Callable[[], str]:
@@ -93,24 +112,46 @@ def _crossed_boxes() -> str:
     return f"{{}} ({union()}) & ({union()})\n"
 
 
+def rough_ball(n: int) -> tuple[Floats, NDArray[np.int32]]:
+    """Return the corners and triangles of a closed ball with a rough surface, 4 n (n - 1)."""
+    rng = np.random.default_rng(0)
+    polar, around = np.pi * np.arange(1, n) / n, np.pi * np.arange(2 * n) / n
+    b, a = (x.ravel() for x in np.meshgrid(polar, around, indexing="ij"))
+    ring = np.stack([np.sin(b) * np.cos(a), np.sin(b) * np.sin(a), np.cos(b)], axis=1)
+    points = np.concatenate([[(0.0, 0.0, 1.0)], ring, [(0.0, 0.0, -1.0)]])
+    waves = 0.1 * np.sin(9.0 * points[:, 0]) * np.sin(7.0 * points[:, 1])
+    points *= (1.0 + waves + 0.2 / n * rng.normal(size=len(points)))[:, None]
+    rows = 1 + 2 * n * np.arange(n - 1)[:, None] + np.arange(2 * n)
+    ahead = np.roll(rows, -1, axis=1)
+    last = np.full_like(rows[:1], len(points) - 1)
+    parts = [
+        (np.zeros_like(last), rows[:1], ahead[:1]),
+        (rows[:-1], rows[1:], ahead[1:]),
+        (rows[:-1], ahead[1:], ahead[:-1]),
+        (last, ahead[-1:], rows[-1:]),
+    ]
+    faces = np.concatenate([np.stack(p, axis=-1).reshape(-1, 3) for p in parts])
+    return points, faces.astype(np.int32)
+
+
 SCENES: dict[str, Subjected] = {
     **{
         f"Sierpinski {n}": Subjected(
-            _file("sierpinski"), {"c": float(n)}, meshes.solids if n <= 10 else None
+            _file("sierpinski"), {"c": float(n)}, _solids if n <= 10 else None
         )
         for n in (4, 6, 8, 10, 20, 30, 40)
     },
-    "fig 5a limbs": Subjected(_limbs, triangles=meshes.solids),
+    "fig 5a limbs": Subjected(_limbs, triangles=_solids),
     "fig 5a": Subjected(_file("fig5a")),
     "tree": Subjected(_file("tree")),
     **{
         f"terrain {n}": Subjected(
-            _file("terrain"), {"cnt": float(n)}, meshes.terrain if n <= 10 else None
+            _file("terrain"), {"cnt": float(n)}, _terrain if n <= 10 else None
         )
         for n in (3, 8, 10, 14, 20)
     },
     "terrain 8, unrolled": Subjected(
-        _file("terrain"), {"cnt": 8.0}, meshes.terrain, block_memory=64 << 20
+        _file("terrain"), {"cnt": 8.0}, _terrain, block_memory=64 << 20
     ),
     **{f"Menger {n}": Subjected(_file("menger"), {"n": float(n)}) for n in range(1, 7)},
     "sphere minus 1,000": Subjected(_bitten_ball),

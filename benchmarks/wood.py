@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.pictures import measure_command
-from benchmarks.report import Effort, Row, Subject
+from benchmarks.report import Effort, Row, Subject, measure_command
 from pcsg.blobtree.meshing import contour
 from pcsg.blobtree.model import Model
 from pcsg.growth.foliage import foliage_mesh
