@@ -18,11 +18,9 @@ import numpy as np
 from llvmlite import ir
 from numpy.typing import NDArray
 
-from pcsg.blobtree.fields import T
 from pcsg.blobtree.layout import (
     LISTS,
     MET,
-    SIZE,
     STACK,
     Pool,
     Tables,
@@ -110,23 +108,21 @@ def find_intervals(
     """Write the inside intervals of a ray and return the new length, or `FULL`.
 
     For FIRST and ANY only the first interval that does not end before tmin; of it, only the end
-    that the ray meets first is exact.
+    that the ray meets first within [tmin, tmax] is exact.
     """
     if n + 2 > length:
         return FULL
-    end = shoot(m, work, ray, want, out, n, length)
-    if want == ALL or end != n + 1:
+    end, inside = shoot(m, work, ray, want, out, n, length)
+    if want == ALL or end == FULL:
         return end
-    # Does it come from outside?
-    root = out[n]
-    speed = math.sqrt(ray.dx * ray.dx + ray.dy * ray.dy + ray.dz * ray.dz)
-    before = root - 1e-8 * m.floats[m.f + SIZE] / speed
-    p = Vec3(ray.ox + before * ray.dx, ray.oy + before * ray.dy, ray.oz + before * ray.dz)
-    f, _slope, _n = value_at(m, work, p, Vec3(1.0, 0.0, 0.0))
-    if f >= T:
-        out[n], out[n + 1] = min(ray.tmin, root) - 1.0, root
+    if end == n:
+        if not inside:
+            return n
+        out[n], out[n + 1] = -math.inf, math.inf
+    elif inside:
+        out[n], out[n + 1] = -math.inf, out[n]
     else:
-        out[n], out[n + 1] = root, math.inf
+        out[n + 1] = math.inf
     return n + 2
 
 
@@ -172,7 +168,7 @@ def answer(
     )
     ray = Ray(ox, oy, oz, dx, dy, dz, tmin, tmax)
     if asked == CROSSINGS:
-        return shoot(m, work, ray, want, out, n, length)
+        return shoot(m, work, ray, want, out, n, length)[0]
     if asked == INTERVALS:
         return find_intervals(m, work, ray, want, out, n, length)
     p = Vec3(ox, oy, oz)

@@ -262,15 +262,21 @@ def find_roots(
 @njit(contract=True)
 def shoot(
     m: Tables, work: Work, ray: Ray, want: int, t: NDArray[np.float64], n: int, limit: int
-) -> int:
-    """Write the crossings of a ray to ``t[n:limit]`` and return the new length, or `FULL`.
+) -> tuple[int, bool]:
+    """Write the crossings of a ray to ``t[n:limit]``.
 
     For ALL every crossing of the line, else the first within [tmin, tmax].
+
+    Returns
+    -------
+    length, inside
+        The new length, or `FULL`. Unless ALL are wanted, whether the ray is inside before the
+        crossing that was found; all the way within [tmin, tmax] where none was.
     """
     f = m.f
     speed = math.sqrt(ray.dx * ray.dx + ray.dy * ray.dy + ray.dz * ray.dz)
     if not 0.0 < speed < math.inf or m.primitive_count == 0:
-        return n
+        return n, False
     i = 1.0 / speed
     d = Vec3(ray.dx * i, ray.dy * i, ray.dz * i)
     # Lengths count from the point nearest to the model's middle: digits are needed there.
@@ -294,10 +300,10 @@ def shoot(
             min(end, ray.tmax * speed - near + slack),
         )
         if begin > end:
-            return n
+            return n, False
     met = collect(m, work, o, d, begin, end)
     if met <= 0:
-        return n if met == 0 else FULL
+        return n if met == 0 else FULL, False
     sort_order(work, met)
     h, order = work.floats, work.ints
     at = ORDER * work.room
@@ -317,13 +323,20 @@ def shoot(
         m0 = n
         n = find_roots(m, work, j - k, start, min(stop, end), sign, stop > end, enough, t, n, limit)
         if n == FULL:
-            return FULL
+            return FULL, False
+        inside = sign > 0
         for q in range(m0, n):
             t[q] = (near + t[q]) * i
-            if first and ray.tmin <= t[q] <= ray.tmax:
+            if first and t[q] >= ray.tmin:
+                if t[q] > ray.tmax:
+                    break
                 t[m0] = t[q]
-                return m0 + 1
+                return m0 + 1, inside
+            inside = not inside
         if first:
             n = m0
+            if inside:
+                # It leaves behind tmax.
+                return n, True
         k = j
-    return n
+    return n, False

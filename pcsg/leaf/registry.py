@@ -302,8 +302,9 @@ class Solid:
         write infinities, sheets an interval of length zero. `want` lets a leaf with many parts
         stop early; a simple one always answers ALL. For FIRST and ANY intervals that end before
         tmin may be left out, and so may those that begin behind tmax or behind the first one
-        (for ANY: any one) that does not; of an interval that begins before tmin the beginning,
-        and of one that begins in [tmin, tmax] the end need only lie on the right side of tmin.
+        (for ANY: any one) that does not, but none that begins before tmin and ends behind it. Of
+        an interval that begins before tmin the beginning need only lie before tmin; of one that
+        begins in [tmin, tmax] the end need only lie behind tmin, and so need an end behind tmax.
         `OVERFLOW` where the array is too short.
         """
         raise NotImplementedError

@@ -200,7 +200,8 @@ def cross_triangles(
     high: float,
     t: Array,
     n: int,
-) -> tuple[int, float, int]:
+    apart: float,
+) -> tuple[int, float, int, bool]:
     """Visit the triangles that a ray crosses in [low, high].
 
     Parameters
@@ -208,12 +209,16 @@ def cross_triangles(
     want
         ALL: write t and 1 (inwards) or -1 (outwards) of every crossing to ``t[n:]``. FIRST: find
         the nearest. ANY: find one. COUNT: find none.
+    apart
+        For FIRST and ANY: crossings no farther apart than this are in one place; 0 where nobody
+        asks for others there.
 
     Returns
     -------
-    count, nearest, winding
+    count, nearest, winding, alone
         Number of crossings visited, `OVERFLOW` if they do not fit; the t of the one that was
-        found; and the sum of the directions, which is what winds about ``ray(low)``.
+        found; the sum of the directions, which is what winds about ``ray(low)``; and whether no
+        other one is in the place of the one that was found.
     """
     numbers, integers = pool[0], pool[2]
     waiting = local_integers()
@@ -222,6 +227,7 @@ def cross_triangles(
     slabs = make_slabs(ray)
     count = 0
     winding = 0
+    alone = True
     nearest = math.inf
     far = high
     waiting[0] = 0
@@ -242,15 +248,18 @@ def cross_triangles(
                 winding += int(way)
                 if want == ALL:
                     if n + 2 * count + 4 > len(t):
-                        return OVERFLOW, nearest, winding
+                        return OVERFLOW, nearest, winding, True
                     t[n + 2 * count] = s
                     t[n + 2 * count + 1] = way
                 elif want != COUNT:
-                    nearest = s
-                    far = s
+                    alone = s < nearest - apart
+                    nearest = min(s, nearest)
+                    far = nearest + apart
+                    if want == ANY and (apart == 0.0 or not alone):
+                        return 1, nearest, winding, alone
+                    if want == ANY:
+                        low = nearest - apart
                 count += 1
-                if want == ANY:
-                    return count, nearest, winding
             continue
         block = np.uint64(mesh.boxes + BLOCK_SIZE * ref)
         met = meet_block_at(numbers, block, slabs, low, far, entries)
@@ -268,7 +277,7 @@ def cross_triangles(
             entry[p] = entries[k]
             waiting[p] = integers[base + k]
             top += 1
-    return count, nearest, winding
+    return count, nearest, winding, alone
 
 
 @njit
@@ -289,20 +298,24 @@ def mesh_crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Arr
     mesh = find_mesh(args, at, pool)
     numbers, integers = pool[0], pool[2]
     closed = integers[mesh.head + CLOSED] == 1
-    if want != ALL and (not closed or _starts_outside(numbers, mesh.numbers, ray)):
-        # Outside of its box a ray is outside of the solid, so that the first crossing leads in.
-        count, nearest, _ = cross_triangles(pool, mesh, ray, want, ray.tmin, ray.tmax, t, n)
-        if count == 0:
-            return n
-        t[n], t[n + 1] = nearest, math.inf if closed else nearest
-        return n + 2
-    count, _, _ = cross_triangles(pool, mesh, ray, ALL, -math.inf, math.inf, t, n)
-    if count < 0:
-        return OVERFLOW
-    _sort_pairs(t, n, count)
     fastest = max(abs(ray.dx), abs(ray.dy), abs(ray.dz))
     size = numbers[mesh.numbers + REACH] + abs(ray.ox) + abs(ray.oy) + abs(ray.oz)
     apart = _ROUNDING * size / fastest
+    if want != ALL and (not closed or _starts_outside(numbers, mesh.numbers, ray)):
+        # Outside of its box a ray is outside of the solid, so that the first crossing leads in;
+        # unless it leads out again in the same place, as at a silhouette.
+        near = apart if closed else 0.0
+        tmin, tmax = ray.tmin, ray.tmax
+        count, nearest, _, alone = cross_triangles(pool, mesh, ray, want, tmin, tmax, t, n, near)
+        if count == 0:
+            return n
+        if alone or not closed:
+            t[n], t[n + 1] = nearest, math.inf if closed else nearest
+            return n + 2
+    count, _, _, _ = cross_triangles(pool, mesh, ray, ALL, -math.inf, math.inf, t, n, 0.0)
+    if count < 0:
+        return OVERFLOW
+    _sort_pairs(t, n, count)
     return _pair_up(t, n, count, apart) if closed else _keep_apart(t, n, count, apart)
 
 
@@ -359,5 +372,6 @@ def mesh_contains(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
     numbers = pool[0]
     if _starts_outside(numbers, mesh.numbers, ray):
         return False
-    _, _, winding = cross_triangles(pool, mesh, ray, COUNT, 0.0, math.inf, local_doubles(), 0)
+    nowhere = local_doubles()
+    _, _, winding, _ = cross_triangles(pool, mesh, ray, COUNT, 0.0, math.inf, nowhere, 0, 0.0)
     return winding != 0

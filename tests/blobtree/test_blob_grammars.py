@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from blob_models import random_rays
+from count_roots import some_model
 
 import pcsg
 from pcsg import Scene, blob
 from pcsg import blobtree as b
 from pcsg.blobtree.model import Model
 from pcsg.errors import GrammarError
+from pcsg.leaf.blob import Blob, FieldSource
+from pcsg.leaf.dispatch import leaf_crossings
+from pcsg.leaf.registry import ALL, ANY, FIRST
+from pcsg.trace.pool import ModelPool
+from pcsg.vec import Ray
 
 AT = np.eye(3, 4)
 
@@ -115,6 +122,69 @@ def test_blobs_are_cut_instanced_and_labelled(engine: str) -> None:
     assert set(hits.label[above]) == {3}
     counts = np.diff(scene.spans(o, d).offsets)
     assert counts[above].min() >= 1
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 3])
+def test_the_leaf_tells_of_its_first_interval_what_the_contract_says(number: int) -> None:
+    field, _model = some_model(("pcm", "bend") if number % 2 else ("gbb",), number)
+    pool = ModelPool()
+    args = np.array(pool.place(FieldSource(field).model(())))
+    o, d = random_rays(np.random.default_rng(number), _model, 300)
+    rng = np.random.default_rng(20 + number)
+    out = np.zeros(400)
+    covered = 0
+
+    def cross(k: int, want: int, low: float, high: float) -> np.ndarray:
+        ray = Ray(*o[k].tolist(), *d[k].tolist(), low, high)
+        n = leaf_crossings(Blob.kind, ray, want, args, 0, pool.pool, out, 0)
+        return out[:n].copy().reshape(-1, 2)
+
+    for k in range(len(o)):
+        every = cross(k, ALL, -np.inf, np.inf)
+        if len(every) == 0:
+            continue
+        knots = np.sort(rng.uniform(every[0, 0] - 0.3, every[-1, 1] + 0.3, 2))
+        for low, high in (knots, (every[0].mean(), every[0].mean() + 1e-3), (knots[0], np.inf)):
+            if np.abs(np.subtract.outer(every.ravel(), [low, high])).min() < 1e-6:
+                continue
+            wanted = every[(every[:, 1] >= low) & (every[:, 0] <= high)]
+            for want in (FIRST, ANY):
+                found = cross(k, want, low, high)
+                found = found[(found[:, 1] >= low) & (found[:, 0] <= high)]
+                assert (len(found) > 0) == (len(wanted) > 0)
+                if len(wanted) == 0:
+                    continue
+                inside, leaves = wanted[0, 0] < low, wanted[0, 1] <= high
+                covered += inside and not leaves
+                assert (found[0, 0] < low) == inside
+                assert not inside or (found[0, 1] <= high) == leaves
+                if not inside and want == FIRST:
+                    assert found[0, 0] == pytest.approx(wanted[0, 0], abs=1e-9)
+                if inside and leaves:
+                    assert found[0, 1] == pytest.approx(wanted[0, 1], abs=1e-9)
+    assert covered > 10
+
+
+@pytest.mark.parametrize("order", ["sphere | {}", "{} | sphere"])
+@pytest.mark.parametrize(
+    "model", ["blob { point(3) }", "blob { point(3) + move(1,0,0) segment(2,1) }"]
+)
+def test_from_inside_a_blob_nobody_sees_what_it_hides(order: str, model: str) -> None:
+    text = order.format(model)
+    rng = np.random.default_rng(4)
+    o, d = rng.normal(size=(3000, 3)), rng.normal(size=(3000, 3))
+    scene = pcsg.loads(text, engine="cyclic")
+    spans = scene.spans(o, d)
+    starts, ends = spans.offsets[:-1], spans.offsets[1:]
+    expected = np.full(len(o), np.inf)
+    for k, (a, b_) in enumerate(zip(starts, ends, strict=True)):
+        t = np.sort(np.concatenate([spans.t_in[a:b_], spans.t_out[a:b_]]))
+        expected[k] = t[t >= 0.0].min(initial=np.inf)
+    assert scene.contains(o).mean() > 0.5
+    for engine in ("cyclic", "states"):
+        scene = pcsg.loads(text, engine=engine)
+        np.testing.assert_allclose(scene.intersect(o, d).t, expected, rtol=1e-9, atol=1e-9)
+        assert (scene.occluded(o, d) == np.isfinite(expected)).all()
 
 
 def test_normals_point_outwards_and_uv_are_finite() -> None:

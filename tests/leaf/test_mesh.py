@@ -154,6 +154,41 @@ def test_rays_through_vertices_and_edges_enter_as_often_as_they_leave(probe: Pro
                 assert found[0] < 0.0 and found[1] == pytest.approx(1.0)
 
 
+TETRAHEDRON = mesh_of_arrays(
+    [(1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1)], [(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)]
+)
+
+
+@pytest.mark.parametrize("probe", [Probe(TETRAHEDRON), Probe(rock(4, 3))], ids=["four", "rock"])
+def test_a_ray_past_a_silhouette_edge_meets_nothing_however_it_asks(probe: Probe) -> None:
+    rng = np.random.default_rng(11)
+    edges = np.concatenate([probe.corners[:, [k, (k + 1) % 3]] for k in range(3)])
+    dropped = 0
+    for a, b in edges[rng.integers(0, len(edges), 400)]:
+        target = a + rng.choice([0.25, 0.5, 0.75]) * (b - a)
+        d = rng.integers(-2, 3, 3).astype(float)
+        if not d.any():
+            continue
+        origin = target - 4.0 * d
+        every = probe.cross(origin, d)
+        dropped += len(every) == 0
+        for want in (FIRST, ANY):
+            found = probe.cross(origin, d, want)
+            assert (len(found) > 0) == (len(every) > 0), (origin, d)
+            assert len(found) == 0 or found[0] == every[0] or (want == ANY and found[0] in every)
+    assert dropped > 20
+
+
+@pytest.mark.parametrize("engine", ["states", "cyclic"])
+def test_first_hits_of_a_mesh_are_the_beginnings_of_its_spans(engine: Any) -> None:
+    corners = [(1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1)]
+    mesh = pcsg.mesh(corners, [(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)])
+    scene = Scene(mesh, engine=engine)
+    o, d = np.array([[1.0, -1.0, 0.0]]), np.array([[-1.0, 1.0, 1.0]])
+    assert len(scene.spans(o, d).t_in) == 0
+    assert not scene.intersect(o, d).mask[0] and not scene.occluded(o, d)[0]
+
+
 def test_a_crossing_in_a_vertex_at_the_origin_is_zero_exactly() -> None:
     corners = [(0, 0, 0), (1, 0, 1), (0, 1, 1), (-1, -1, 1)]
     probe = Probe(mesh_of_arrays(corners, [(0, 1, 2), (0, 2, 3), (0, 3, 1), (3, 2, 1)]))
