@@ -1,5 +1,5 @@
 # Shortcuts for developers. All but `gallery` run in the active virtual environment.
-.PHONY: check test bench docs gallery
+.PHONY: check test fuzz bench docs gallery
 
 check:            ## lint and types
 	ruff format --check .
@@ -8,6 +8,9 @@ check:            ## lint and types
 
 test:             ## the whole suite
 	python -m pytest
+
+fuzz:             ## made-up inputs of every kind, for hours; what fails is kept in fuzz-failures
+	python -m tests.fuzz -n 100000 --seed $$(date +%s)
 
 bench:            ## speed and memory, see benchmarks/README.md
 	python -m benchmarks
