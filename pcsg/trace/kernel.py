@@ -32,7 +32,8 @@ from pcsg.trace.ends import (
 )
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.merge import tolerance
-from pcsg.trace.question import ask, is_subtracted, settle_exit
+from pcsg.trace.owner import find_owner
+from pcsg.trace.question import ask, is_subtracted
 from pcsg.trace.simd import WIDTH, stay_apart
 from pcsg.trace.traversal import (
     ENDS,
@@ -365,7 +366,7 @@ def step_operation(
     ray = load_ray(scratch.rays, level)
     about = load_beginning(scratch.rays, level)
     entry = choose_beginning(entry, near)
-    state, u = ask(trees, pool, scratch, code, ray, near, far, entry, top, level)
+    state, u, tied = ask(trees, pool, scratch, code, ray, near, far, entry, top, level)
     if state == UNDECIDED or u <= touch:
         return UNDECIDED, best
     if state == 1:
@@ -376,22 +377,22 @@ def step_operation(
     # subtracted mostly tells its end as well. What comes next is looked for where none does.
     probes = trees.operations[place(trees.targets[place(code >> 3)])] == _DIFFERENCE
     while state == 0 and u <= far and u < math.inf:
-        t = u
+        t, unsure = u, tied
         if want != ANY:
             copy_path(paths, PATH * (level + 1), held)
         probe = min(far, t + 2.0 * tolerance(t)) if probes else far
-        state, u = ask(trees, pool, scratch, code, ray, t, probe, t, top, level)
+        state, u, tied = ask(trees, pool, scratch, code, ray, t, probe, t, top, level)
         if probes and state == 0 and not u < math.inf:
-            state, u = ask(trees, pool, scratch, code, ray, t, far, t, top, level)
+            state, u, tied = ask(trees, pool, scratch, code, ray, t, far, t, top, level)
         if state == UNDECIDED:
             return UNDECIDED, best
         if want == ANY and state == 1:
             best = t
             answer = HIT
             break
-        if state == 1 and is_subtracted(trees, paths, held):
-            sure, t = settle_exit(trees, pool, scratch, code, ray, t, top, level, 1)
-            if not sure:
+        if state == 1 and (unsure or is_subtracted(trees, paths, held)):
+            before, behind, t = find_owner(trees, pool, scratch, code, ray, t, top, level)
+            if before != 0 or behind != 1:
                 return UNDECIDED, best
             copy_path(paths, PATH * (level + 1), held)
         e = tolerance(t)
@@ -419,23 +420,24 @@ def find_exit(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int, 
     t = world.tmin - 2.0 * tolerance(world.tmin)
     touch = world.tmin + tolerance(world.tmin)
     held = PATH * (MAX_DEPTH - 1)
-    state, u = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
+    unsure = False
+    state, u, tied = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
     if state != 1 or u <= touch:
         return UNDECIDED
     while state == 1 and u <= world.tmax and u < math.inf:
-        t = u
+        t, unsure = u, tied
         copy_path(paths, PATH, held)
         # Mostly nothing else is there, and nobody asks what comes next.
         probe = min(world.tmax, t + 2.0 * tolerance(t))
-        state, u = ask(trees, pool, scratch, code, world, t, probe, t, 0, 0)
+        state, u, tied = ask(trees, pool, scratch, code, world, t, probe, t, 0, 0)
         if state == 1:
-            state, u = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
+            state, u, tied = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
     if state != 0:
         return MISS if state == 1 else UNDECIDED
     if want != ANY:
-        if not is_subtracted(trees, paths, held):
-            sure, t = settle_exit(trees, pool, scratch, code, world, t, 0, 0, 0)
-            if not sure:
+        if unsure or not is_subtracted(trees, paths, held):
+            before, behind, t = find_owner(trees, pool, scratch, code, world, t, 0, 0)
+            if before != 1 or behind != 0:
                 return UNDECIDED
             copy_path(paths, PATH, held)
         copy_path(paths, held, HIT_PATH)

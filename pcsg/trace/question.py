@@ -63,7 +63,7 @@ def ask(
     entry: float,
     base: int,
     level: int,
-) -> tuple[int, float]:
+) -> tuple[int, float, bool]:
     """Ask whether the union of what a reference leads to is there at t, and until where.
 
     Parameters
@@ -79,22 +79,23 @@ def ask(
 
     Returns
     -------
-    state, u
+    state, u, tied
         1 inside, 0 outside or `UNDECIDED`; it stays so on (t, u) at least. Infinite where nothing
         happens up to the limit; beyond it only what is known of all that is asked. The path kept
-        for `level` leads to the end u.
+        for `level` leads to the end u; if ends of several leaves coincide, to one of them.
     """
     entry_t, entry_ref, rays = scratch.entry_t, scratch.entry_ref, scratch.rays
     paths, small, frames, limits = scratch.paths, scratch.small, scratch.frames, scratch.limits
     entries = scratch.entries
     if level + 4 >= MAX_DEPTH or base >= STACK - 2 * WIDTH:
-        return UNDECIDED, t
+        return UNDECIDED, t, False
     beyond = t + tolerance(t)
     alone = code & 7 == OPERATION
     frame = 0
     kept = PATH * (level + 1)
     paths[kept] = 0
     nearest = math.inf
+    tied = False
     far = limit
     top = base
     present = -1
@@ -117,7 +118,7 @@ def ask(
                 present = at_level
                 if kind == INSTANCE:
                     if at_level + 4 >= MAX_DEPTH:
-                        return UNDECIDED, t
+                        return UNDECIDED, t, False
                     paths[at_level] = index
                     ray = transform_ray(load_affine(trees.inverses, 12 * index), ray)
                     present = at_level + 1
@@ -130,7 +131,7 @@ def ask(
             met = meet_block(trees.boxes, block, slabs, t, far, scratch)
             if met != NONE:
                 if top >= STACK - WIDTH:
-                    return UNDECIDED, t
+                    return UNDECIDED, t, False
                 found = True
                 code, entry, top = push_references(
                     trees.refs, block, met, entries, slabs, entry_t, entry_ref, present, top, True
@@ -141,7 +142,7 @@ def ask(
             inner = load_ray(rays, at_level)
             n = cross_reference(trees, pool, scratch, kind, index, inner, t, far, ALL)
             if n == OVERFLOW:
-                return UNDECIDED, t
+                return UNDECIDED, t, False
             for k in range(ENDS, n, 2):
                 lo, hi = small[k], small[k + 1]
                 if hi <= beyond or hi <= lo:
@@ -153,9 +154,9 @@ def ask(
                     returns = True
                     break
                 e = tolerance(lo)
-                if lo < nearest - e or (
-                    lo <= nearest + e and comes_first(paths, at_level, index, kept)
-                ):
+                coincides = nearest - e <= lo <= nearest + e
+                tied = tied or coincides
+                if lo < nearest - e or (coincides and comes_first(paths, at_level, index, kept)):
                     nearest = lo
                     far = min(limit, nearest + e)
                     keep_surface(trees, scratch, at_level, kind, index, k, kept)
@@ -164,7 +165,7 @@ def ask(
             # Its first operand is asked next; a frame waits for the answer.
             target = wide(trees.targets[index])
             if trees.operations[target + 2] == 1 or at_level + 6 >= MAX_DEPTH:
-                return UNDECIDED, t
+                return UNDECIDED, t, False
             inner = load_ray(rays, at_level)
             inner = transform_ray(load_affine(trees.inverses, 12 * index), inner)
             paths[at_level] = index
@@ -203,7 +204,7 @@ def ask(
                 u = nearest if nearest <= limit or (alone and frame == 0) else math.inf
             # A group has answered (state, u): to the caller, or to the operation that asked.
             if frame == 0:
-                return state, u
+                return state, u, tied
             at = FRAME * (frame - 1)
             target, done, at_level = frames[at], frames[at + 1] + 1, frames[at + 2]
             own = PATH * (at_level + 2)
@@ -216,7 +217,9 @@ def ask(
             # does not count, so of two that coincide it is the one just found.
             decided = (state == 1) == subtracted
             e = tolerance(u)
-            if u < until - e or (decided and u <= until + e):
+            coincides = until - e <= u <= until + e and u < math.inf
+            tied = tied or coincides
+            if u < until - e or (decided and coincides):
                 until = u
                 copy_path(paths, kept, own)
             if not u < math.inf:
@@ -228,7 +231,7 @@ def ask(
                 at_level += 2
                 paths[kept] = 0
                 top = base
-                limit = min(far, until)
+                limit = min(far, until + tolerance(until))
                 far = limit
                 nearest = math.inf
                 present = -1
@@ -258,7 +261,9 @@ def ask(
                 copy_path(paths, own, kept)
             else:
                 e = tolerance(until)
-                if until < nearest - e or (until <= nearest + e and precedes(paths, own, kept)):
+                coincides = nearest - e <= until <= nearest + e and until < math.inf
+                tied = tied or coincides
+                if until < nearest - e or (coincides and precedes(paths, own, kept)):
                     nearest = until
                     far = min(limit, nearest + e)
                     copy_path(paths, own, kept)
@@ -274,40 +279,3 @@ def is_subtracted(trees: Trees, paths: NDArray[np.int32], at: int) -> bool:
             operation = trees.targets[paths[at + k - 1]]
             odd = odd != (trees.operations[operation] == _DIFFERENCE)
     return odd
-
-
-@njit(contract=True)
-def settle_exit(
-    trees: Trees,
-    pool: Pool,
-    scratch: Scratch,
-    code: int,
-    ray: Ray,
-    t: float,
-    base: int,
-    level: int,
-    state: int,
-) -> tuple[bool, float]:
-    """Find which of the leaves that end within rounding of t stands first in the text.
-
-    A question takes the end of any leaf that covers its place; where leaves begin it takes the
-    first in the text. So this asks from behind t, along the reversed ray.
-
-    Parameters
-    ----------
-    code, base, level
-        As for `ask`.
-    state
-        1 if the solid is there behind t, else 0.
-
-    Returns
-    -------
-    bool, t
-        Whether the answer is sure, and where that leaf ends; the path kept for `level` leads to it.
-    """
-    e = tolerance(t)
-    back = Ray(ray.ox, ray.oy, ray.oz, -ray.dx, -ray.dy, -ray.dz, 0.0, 0.0)
-    at, limit = -t - 2.0 * e, -t + 3.0 * e
-    there, u = ask(trees, pool, scratch, code, back, at, limit, at, base, level)
-    subtracted = is_subtracted(trees, scratch.paths, PATH * (level + 1))
-    return there == state and u <= -t + 2.0 * e and subtracted == (state == 1), -u

@@ -53,9 +53,16 @@ BESIDE = f"""{{}} ((A1 \\ move(.5,0,0) uscale(.7) box) | {DRUMS} | {BALLS})
 PUT_UP = """{} ((move(0,1,0) B \\ sphere) | uscale(1.2) sphere)
 1: B -> box | move(0,0,5) sphere
 """
+PUT_BACK = """{n=3} A
+A if(n > 0, 2, 1)
+1: A -> cylinder
+2: A -> {} ((rotx(30) box & rotz(45) {n=n-1} A) | (box \\ rotx(30) box))
+"""
 
 
-@pytest.mark.parametrize("text", [BESIDE, PUT_UP], ids=["beside", "put up"])
+@pytest.mark.parametrize(
+    "text", [BESIDE, PUT_UP, PUT_BACK], ids=["beside", "put up", "cut off and put back"]
+)
 @pytest.mark.parametrize("inside", [False, True])
 def test_what_stands_beside_an_operation_is_found(text: str, inside: bool) -> None:
     walked, states = (pcsg.loads(text, engine=engine) for engine in ("cyclic", "states"))
@@ -67,6 +74,7 @@ def test_what_stands_beside_an_operation_is_found(text: str, inside: bool) -> No
         directions = targets - origins
     a, b = walked.intersect(origins, directions), states.intersect(origins, directions)
     np.testing.assert_allclose(b.t, a.t, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(b.leaf, a.leaf)
     np.testing.assert_allclose(b.normal, a.normal, atol=1e-6)
     np.testing.assert_array_equal(states.occluded(origins, directions), a.mask)
 
