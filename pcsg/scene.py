@@ -175,6 +175,7 @@ class Scene:
                 f"the grammar has more than {self.states.count:,} states, which cannot be made on "
                 f"demand ({self._no_recipe}); use the engine `cyclic` or `auto`"
             )
+        self._asked = engine
         self.engine = "states" if unrolled else "cyclic"
         """The engine in use."""
         self._threads = threads
@@ -387,5 +388,19 @@ class Scene:
         """Return the scene as text of the language."""
         return to_pcsg(self.graph)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = {name: self.values[name] for name in ("SEED", "TIME")}
+        limits = {
+            "engine": self._asked,
+            "threads": self._threads,
+            "max_memory": self._max_memory,
+            "block_memory": self._block_memory,
+        }
+        return _make_scene, (self.graph, values, limits)
+
     def __repr__(self) -> str:
         return f"<pcsg.Scene of {len(self.graph.nodes)} nodes>"
+
+
+def _make_scene(graph: Graph, values: dict[str, float], limits: dict[str, Any]) -> Scene:
+    return Scene(graph, values, **limits)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from pcsg.grammar.names import ModuleEntry, Names
 from pcsg.grammar.syntax import Solid
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.expr import Expr, Parameter, parameters_of
+from pcsg.graph.flat import Flat, flatten, restore
 from pcsg.graph.graph import GLOBALS
 from pcsg.graph.tape import Fault, Program
 from pcsg.graph.text import BracedText
@@ -215,6 +217,9 @@ class GrammarBlob(BlobSource):
         self._program = Program(self._slots)
         self._code: dict[int, int] = {}
         self._kept: list[object] = []
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restore_blob, (flatten((self._names, self._solid, self._materials)),)
 
     @cached_property
     def braced(self) -> BracedText:
@@ -432,3 +437,7 @@ def _build(item: tuple[str, int, tuple[object, ...]], done: list[Field]) -> None
             done.append(nodes.place(matrix, children[0]))
     except UsageError as error:
         raise UsageError(f"{_place(span)}{error}") from None
+
+
+def _restore_blob(flat: Flat) -> GrammarBlob:
+    return GrammarBlob(*restore(flat))

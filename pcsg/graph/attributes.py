@@ -7,6 +7,7 @@ of materials and textures become their numbers in the scene's settings.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,14 @@ class AttributeKind:
     slots: tuple[str, ...]
     defaults: tuple[float, ...]
     summary: str
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return attribute_named, (self.name,)  # there is one of each
+
+
+def attribute_named(name: str) -> AttributeKind:
+    """Return an attribute by its name."""
+    return ATTRIBUTES[name]
 
 
 ATTRIBUTES = {

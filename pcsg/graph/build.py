@@ -83,7 +83,7 @@ def S(  # noqa: N802 -- the paper's name of a selection node
 def C(**assignments: Argument) -> Prefix:  # noqa: N802 -- the paper's name of a calculation node
     """Return a calculation that assigns parameters, one after the other."""
     pairs = tuple((name, as_expr(value)) for name, value in assignments.items())
-    return Prefix([lambda node: Calculation(pairs, node)])
+    return Prefix([partial(Calculation, pairs)])
 
 
 def define(name: str, solid: Combinable) -> Node:
@@ -97,7 +97,7 @@ def define(name: str, solid: Combinable) -> Node:
 
 def _transformation(transform: Transform, *args: Argument) -> Prefix:
     exprs = _numbers(transform.name, args, len(transform.parameters), len(transform.parameters))
-    return Prefix([lambda node: Transformation(transform, exprs, node)])
+    return Prefix([partial(Transformation, transform, exprs)])
 
 
 def _attribute(kind: AttributeKind, *args: Argument | str) -> Prefix:
@@ -108,7 +108,7 @@ def _attribute(kind: AttributeKind, *args: Argument | str) -> Prefix:
             raise UsageError(f"{kind.name} takes the name of a {kind.refers_to} first")
         reference, numbers = args[0], args[1:]
     exprs = _numbers(kind.name, numbers, *kind.arity)
-    return Prefix([lambda node: Attribute(kind, exprs, node, reference)])
+    return Prefix([partial(Attribute, kind, exprs, reference=reference)])
 
 
 def _numbers(name: str, args: Sequence[Argument | str], least: int, most: int) -> tuple[Expr, ...]:

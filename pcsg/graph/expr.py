@@ -11,13 +11,14 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from pcsg.errors import SourceSpan, UsageError
+from pcsg.graph.flat import Flattened
 from pcsg.graph.functions import FUNCTIONS
 
 Number_ = float | int
 T = TypeVar("T")
 
 
-class Expr:
+class Expr(Flattened):
     """A number that may depend on parameters."""
 
     __slots__ = ()
@@ -154,6 +155,9 @@ class _Parameters:
         if name.startswith("__"):
             raise AttributeError(name)
         return Parameter(name)
+
+    def __reduce__(self) -> str:
+        return "P"
 
 
 P = _Parameters()

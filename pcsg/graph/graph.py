@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 from pcsg.errors import UsageError, suggest
 from pcsg.graph.attributes import ATTRIBUTE_SLOTS
 from pcsg.graph.expr import Expr, as_expr, functions_of, signature
+from pcsg.graph.flat import Flat, flatten, restore
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.nodes import (
     Attribute,
@@ -177,6 +179,13 @@ class Graph:
         )
 
     __hash__ = object.__hash__
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restore_graph, (flatten((self.root, self.settings)),)
+
+
+def _restore_graph(flat: Flat) -> Graph:
+    return Graph(*restore(flat))
 
 
 def expressions(node: Node) -> Iterator[Expr]:

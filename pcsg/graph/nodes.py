@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from pcsg.errors import SourceSpan, UsageError
 from pcsg.graph.attributes import AttributeKind
 from pcsg.graph.expr import Expr, as_expr
+from pcsg.graph.flat import Flattened
 from pcsg.graph.operators import DIFFERENCE, INTERSECTION, UNION, Operator
 from pcsg.graph.transforms import Transform
 from pcsg.leaf.registry import Box, Constant, LeafParameter, Model, Solid
@@ -49,7 +50,7 @@ class Combinable:
 
 
 @dataclass(eq=False, slots=True)
-class Node(Combinable):
+class Node(Combinable, Flattened):
     """A node of the graph.
 
     Attributes

@@ -33,6 +33,9 @@ class Operator:
     table: int
     associative: bool
 
+    def __reduce__(self) -> str:
+        return self.name.upper()  # there is one of each, compared by identity
+
 
 UNION = Operator("union", 0, ("|", "\u222a"), 1, 0b1110, True)
 INTERSECTION = Operator("intersection", 1, ("&", "\u2229"), 3, 0b1000, True)

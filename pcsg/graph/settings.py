@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
 from pcsg.errors import SourceSpan
 from pcsg.graph.expr import Expr
@@ -70,6 +71,14 @@ class SettingKind:
     keys: Mapping[str, Key]
     named: bool = False
     several: bool = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return setting_named, (self.name,)  # there is one of each
+
+
+def setting_named(name: str) -> SettingKind:
+    """Return a kind of setting by its name."""
+    return SETTINGS[name]
 
 
 _N, _V, _C = ValueKind.NUMBER, ValueKind.VECTOR, ValueKind.COLOR

@@ -39,8 +39,16 @@ class Transform:
     kernel: Any
     summary: str
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return transform_named, (self.name,)  # there is one of each
+
 
 TRANSFORMS: dict[str, Transform] = {}
+
+
+def transform_named(name: str) -> Transform:
+    """Return a transformation by its name."""
+    return TRANSFORMS[name]
 
 
 def _transform(plain: Callable[..., Affine]) -> Any:

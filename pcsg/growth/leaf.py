@@ -45,6 +45,9 @@ class Growth(BlobSource):
         self._states: dict[tuple[float, ...], State] = {}
         self._foliage: dict[tuple[float, ...], MeshModel] = {}
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Growth, (self.name, self._text)
+
     @property
     def signature(self) -> object:
         return self.name

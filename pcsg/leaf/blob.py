@@ -91,6 +91,12 @@ class BlobSource(Constant):
         self.parameters = tuple(parameters)
         self._models: WeakValueDictionary[tuple[float, ...], BlobModel] = WeakValueDictionary()
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "_models": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _models=WeakValueDictionary())
+
     def build(self, values: Sequence[float]) -> Field:
         """Return the field for values of the numbers; raises UsageError if there is none."""
         raise NotImplementedError

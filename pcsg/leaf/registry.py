@@ -26,7 +26,7 @@ from functools import cached_property
 from itertools import zip_longest
 from operator import mul
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +109,20 @@ class Constant:
     def text(self) -> str | None:
         """What stands in a grammar, None where the language cannot say it."""
         return None
+
+    def __copy__(self) -> Self:
+        return self  # nobody changes it
+
+    def __deepcopy__(self, memo: object) -> Self:
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the attributes, without those that are made when they are needed."""
+        return {
+            name: x
+            for name, x in self.__dict__.items()
+            if not isinstance(getattr(type(self), name, None), cached_property)
+        }
 
 
 @dataclass(frozen=True)
