@@ -70,6 +70,18 @@ CATALOGUE: dict[str, Mistake] = {
             _F,
             "A file of a growing tree is JSON with the keys and ranges of `docs/growth.md`.",
         ),
+        Mistake(
+            "bad-lsystem",
+            _F,
+            "A line of an L-system is not understood: rules, modules and settings are told in "
+            "`docs/lsystems.md`.",
+        ),
+        Mistake(
+            "odd-lsystem",
+            _F,
+            "A line of an L-system can be read in two ways, or says again what was said.",
+            "warning",
+        ),
         Mistake("include-cyclic", _F, "A file includes itself, directly or through others."),
         Mistake("bad-directive", _F, "There are two directives: `#define` and `#include`."),
         Mistake("macro-redefined", _M, "A macro has one definition in the whole set of files."),

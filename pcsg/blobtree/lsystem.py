@@ -1,28 +1,30 @@
-"""L-systems: parametric, stochastic, context-sensitive rewriting, and the turtle that draws.
+"""L-systems: parametric, stochastic, context-sensitive rewriting of strings of modules.
 
-The text is like that of cpfg (Prusinkiewicz and Lindenmayer 1990)::
-
-    #define steps 8
-    axiom: !(0.1) A(1, 0.1)
-    A(l, w) : l > 0.05 -> F(l) [ &(35) A(l*0.8, w*0.7) ] /(137.5) !(w*0.9) A(l*0.9, w*0.9)
-    X < B(x) > Y : x > 1 : 0.6 -> B(x-1)
-
-A rule has a left context, a predecessor, a right context, a condition (``*`` for none) and a
-probability, of which only the predecessor must be. Modules are single characters with numbers.
+Rules are those of Prusinkiewicz and Lindenmayer, *The Algorithmic Beauty of Plants* (1990). Modules
+are single characters with numbers; `pcsg.blobtree.lsystemfile` reads them from texts.
 """
 
 from __future__ import annotations
 
-import ast
 import math
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from pcsg.blobtree.formulas import Compute, Draws, Formula
 from pcsg.errors import UsageError
 
-MOST_MODULES = 5_000_000
+MOST_MODULES = 1_000_000
+"""Modules of a string at most, where a file does not ask for more."""
+
+WORK = 6
+"""What a derivation may cost, over the most modules: to look at a module or at a rule costs 1."""
+
+STEP = 8
+"""The cost of a step without modules."""
+
+KEPT = 100_000
+"""Modules whose successors are remembered, where no chance and no context decides."""
 
 
 class Letter(NamedTuple):
@@ -34,176 +36,64 @@ class Letter(NamedTuple):
 
 @dataclass(frozen=True)
 class Pattern:
-    """A module with names for its numbers."""
+    """A module in the head of a rule.
+
+    Attributes
+    ----------
+    names
+        Of its numbers; empty for one that must have a value.
+    tests
+        Places of numbers that must have a value, and these.
+    """
 
     symbol: str
-    names: tuple[str, ...]
+    names: tuple[str, ...] = ()
+    tests: tuple[tuple[int, Compute], ...] = ()
 
     def binds(self, letter: Letter, into: dict[str, float]) -> bool:
         """Return whether a letter fits, and give names to its numbers."""
         if letter.symbol != self.symbol or len(letter.args) != len(self.names):
             return False
+        for k, test in self.tests:
+            if letter.args[k] != test(into):
+                return False
         into.update(zip(self.names, letter.args, strict=True))
         return True
 
 
-Formula = Callable[[Mapping[str, float]], float]
+Successor = tuple[tuple[str, tuple[Compute, ...]], ...]
 
 
 @dataclass(frozen=True)
 class LRule:
-    """A rule of an L-system."""
+    """A rule of an L-system.
+
+    Attributes
+    ----------
+    right
+        With patterns ``[`` and ``]`` about what must stand in a branch.
+    line
+        Where it stands, from 1.
+    random
+        Whether its numbers or its condition draw by chance.
+    cost
+        Of its formulas, as `WORK` counts.
+    """
 
     left: tuple[Pattern, ...]
     predecessor: Pattern
     right: tuple[Pattern, ...]
-    condition: Formula | None
-    probability: Formula | None
-    successor: tuple[tuple[str, tuple[Formula, ...]], ...]
+    condition: Compute | None
+    probability: Compute | None
+    successor: Successor
+    line: int = 0
+    random: bool = False
+    cost: int = 1
 
-
-class Draws:
-    """Random numbers: splitmix64, the same everywhere and for ever."""
-
-    def __init__(self, seed: int) -> None:
-        self.state = (seed * 0x9E3779B97F4A7C15 + 0x632BE59BD9B4E019) % 2**64
-
-    def uniform(self) -> float:
-        """Return a number in [0, 1)."""
-        self.state = (self.state + 0x9E3779B97F4A7C15) % 2**64
-        z = self.state
-        z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9 % 2**64
-        z = (z ^ (z >> 27)) * 0x94D049BB133111EB % 2**64
-        return ((z ^ (z >> 31)) >> 11) / 2.0**53
-
-    def normal(self) -> float:
-        """Return a standard normal number (Box and Muller)."""
-        a, b = 1.0 - self.uniform(), self.uniform()
-        return math.sqrt(-2.0 * math.log(a)) * math.cos(2.0 * math.pi * b)
-
-
-_FUNCTIONS: dict[str, Callable[..., float]] = {
-    "sin": lambda a: math.sin(math.radians(a)),
-    "cos": lambda a: math.cos(math.radians(a)),
-    "tan": lambda a: math.tan(math.radians(a)),
-    "atan2": lambda y, x: math.degrees(math.atan2(y, x)),
-    "sqrt": math.sqrt,
-    "exp": math.exp,
-    "ln": math.log,
-    "abs": abs,
-    "min": min,
-    "max": max,
-    "floor": lambda x: float(math.floor(x)),
-    "ceil": lambda x: float(math.ceil(x)),
-    "round": lambda x: float(round(x)),
-    "sign": lambda x: math.copysign(1.0, x) if x else 0.0,
-}
-
-_BINARY: dict[type, Callable[[Any, Any], Any]] = {
-    ast.Add: lambda a, b: a + b,
-    ast.Sub: lambda a, b: a - b,
-    ast.Mult: lambda a, b: a * b,
-    ast.Div: lambda a, b: a / b,
-    ast.Mod: lambda a, b: a % b,
-    ast.Pow: lambda a, b: a**b,
-    ast.Lt: lambda a, b: float(a < b),
-    ast.LtE: lambda a, b: float(a <= b),
-    ast.Gt: lambda a, b: float(a > b),
-    ast.GtE: lambda a, b: float(a >= b),
-    ast.Eq: lambda a, b: float(a == b),
-    ast.NotEq: lambda a, b: float(a != b),
-}
-
-
-def read_formula(text: str, draws: Draws) -> Formula:
-    """Return a function of named numbers; ``ran(x)`` is uniform in [0, x), ``nran(m, s)`` normal.
-
-    Raises
-    ------
-    UsageError
-        The text is no arithmetic.
-    """
-    python = text.strip().replace("&&", " and ").replace("||", " or ").replace("^", "**")
-    python = re.sub(r"!(?!=)", " not ", python)
-    python = re.sub(r"(?<![<>=!])=(?!=)", "==", python)
-    try:
-        tree = ast.parse(python.strip(), mode="eval").body
-    except (SyntaxError, ValueError):
-        raise UsageError(f"`{text.strip()}` is not arithmetic") from None
-    functions: dict[str, Callable[..., float]] = {
-        **_FUNCTIONS,
-        "ran": lambda x: x * draws.uniform(),
-        "nran": lambda m, s: m + s * draws.normal(),
-    }
-    return _compile(tree, text, functions)
-
-
-def _compile(node: ast.AST, text: str, functions: Mapping[str, Callable[..., float]]) -> Formula:
-    def sub(child: ast.AST) -> Formula:
-        return _compile(child, text, functions)
-
-    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
-        number = float(node.value)
-        return lambda _: number
-    if isinstance(node, ast.Name):
-        name = node.id
-
-        def look_up(names: Mapping[str, float]) -> float:
-            if name not in names:
-                raise UsageError(f"`{name}` has no value in `{text.strip()}`")
-            return names[name]
-
-        return look_up
-    if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-        operate, a, b = _BINARY[type(node.op)], sub(node.left), sub(node.right)
-        return lambda names: operate(a(names), b(names))
-    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _BINARY:
-        operate, a, b = _BINARY[type(node.ops[0])], sub(node.left), sub(node.comparators[0])
-        return lambda names: operate(a(names), b(names))
-    if isinstance(node, ast.BoolOp):
-        parts = [sub(value) for value in node.values]
-        every = isinstance(node.op, ast.And)
-        return lambda names: float((all if every else any)(p(names) for p in parts))
-    if isinstance(node, ast.UnaryOp):
-        value = sub(node.operand)
-        if isinstance(node.op, ast.Not):
-            return lambda names: float(not value(names))
-        if isinstance(node.op, ast.USub):
-            return lambda names: -value(names)
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        if node.func.id not in functions:
-            raise UsageError(f"unknown function `{node.func.id}`")
-        function, values = functions[node.func.id], [sub(v) for v in node.args]
-        return lambda names: float(function(*(v(names) for v in values)))
-    raise UsageError(f"`{text.strip()}` is not arithmetic")
-
-
-def split_modules(text: str) -> list[tuple[str, list[str]]]:
-    """Return the characters of a string of modules, each with the texts of its numbers."""
-    out: list[tuple[str, list[str]]] = []
-    k = 0
-    while k < len(text):
-        symbol = text[k]
-        k += 1
-        if symbol.isspace():
-            continue
-        args: list[str] = []
-        # Between a character and its numbers there is no blank.
-        if k < len(text) and text[k] == "(" and symbol not in "[]":
-            depth, start = 1, k + 1
-            k += 1
-            while depth and k < len(text):
-                depth += {"(": 1, ")": -1}.get(text[k], 0)
-                if (text[k] == "," and depth == 1) or depth == 0:
-                    args.append(text[start:k])
-                    start = k + 1
-                k += 1
-            if depth:
-                raise UsageError(f"`(` without `)` behind `{symbol}`")
-        elif symbol in "()":
-            raise UsageError(f"stray `{symbol}`")
-        out.append((symbol, args))
-    return out
+    @property
+    def is_plain(self) -> bool:
+        """Whether nothing but the module itself decides what the rule makes of it."""
+        return not (self.left or self.right or self.probability or self.random)
 
 
 @dataclass
@@ -213,114 +103,266 @@ class LSystem:
     Attributes
     ----------
     constants
-        Of ``#define``; ``steps`` and ``angle`` have a meaning.
-    settings
-        Other lines ``name: value``, such as ``junctions: contact``.
+        Of ``#define``; ``steps``, ``angle``, ``width`` and ``thinning`` have a meaning.
+    definitions
+        What the constants are, as formulas.
+    ignored
+        What contexts do not see.
+    most
+        Modules that a string has at most.
     """
 
     constants: dict[str, float] = field(default_factory=dict)
-    settings: dict[str, str] = field(default_factory=dict)
-    axiom: list[tuple[str, tuple[Formula, ...]]] = field(default_factory=list)
+    definitions: dict[str, Formula] = field(default_factory=dict)
+    axiom: Successor = ()
     rules: list[LRule] = field(default_factory=list)
-    ignored: str = ""
+    ignored: frozenset[str] = frozenset()
     draws: Draws = field(default_factory=lambda: Draws(0))
+    most: int = MOST_MODULES
+
+    @property
+    def steps(self) -> int:
+        """The number of steps that the constant of this name says.
+
+        Raises
+        ------
+        UsageError
+            It is no number of steps.
+        """
+        said = self.constants.get("steps", 0.0)
+        if said < 0.0 or said != int(said):
+            raise UsageError(f"`steps` is a whole number from 0, not {said:g}")
+        return int(said)
 
     def derive(self, steps: int | None = None) -> list[Letter]:
-        """Return the string after so many steps, by default the constant ``steps``."""
-        count = int(self.constants.get("steps", 0)) if steps is None else steps
-        string = [Letter(s, tuple(f(self.constants) for f in fs)) for s, fs in self.axiom]
-        by_symbol: dict[str, list[LRule]] = {}
-        for rule in self.rules:
-            by_symbol.setdefault(rule.predecessor.symbol, []).append(rule)
-        contexts = any(rule.left or rule.right for rule in self.rules)
-        for _ in range(count):
-            bearers, matches = _structure(string) if contexts else ([], [])
-            out: list[Letter] = []
-            for k, letter in enumerate(string):
-                rules = by_symbol.get(letter.symbol)
-                chosen = self._choose(rules, string, k, bearers, matches) if rules else None
-                if chosen is None:
-                    out.append(letter)
-                    continue
-                rule, names = chosen
-                out += [Letter(s, tuple(f(names) for f in fs)) for s, fs in rule.successor]
-            string = out
-            if len(string) > MOST_MODULES:
-                raise UsageError(f"the L-system grows beyond {MOST_MODULES:,} modules")
-        return string
+        """Return the string after so many steps, by default the constant ``steps``.
 
-    def _choose(
-        self,
-        rules: Sequence[LRule],
-        string: list[Letter],
-        k: int,
-        bearers: list[int],
-        matches: list[int],
-    ) -> tuple[LRule, dict[str, float]] | None:
+        Raises
+        ------
+        UsageError
+            The string grows too long, or a number cannot be computed.
+        """
+        return _Derivation(self).run(self.steps if steps is None else steps)
+
+
+class _TooLarge(Exception):
+    """The budget of a derivation is used up."""
+
+
+class _Derivation:
+    """The rewriting of one string, with a count of the work that is done."""
+
+    def __init__(self, system: LSystem) -> None:
+        self.system = system
+        self.constants = system.constants
+        self.ignored = system.ignored
+        self.by_symbol: dict[str, list[LRule]] = {}
+        for rule in system.rules:
+            self.by_symbol.setdefault(rule.predecessor.symbol, []).append(rule)
+        self.contexts = any(rule.left or rule.right for rule in system.rules)
+        self.plain = {s for s, rules in self.by_symbol.items() if all(r.is_plain for r in rules)}
+        self.is_random = any(rule.random or rule.probability for rule in system.rules)
+        self.known: dict[Letter, list[Letter]] = {}
+        # Every rule that is tried gets a copy of the constants.
+        self.glance = 1 + len(system.constants) // 16
+        self.left = WORK * system.most
+        self.string: list[Letter] = []
+        self.bearers: list[int] = []
+        self.matches: list[int] = []
+
+    def run(self, steps: int) -> list[Letter]:
+        names = dict(self.constants)
+        self.string = [self._letter(s, fs, names, 0) for s, fs in self.system.axiom]
+        for step in range(steps):
+            try:
+                changed = self._step()
+            except _TooLarge as reason:
+                raise UsageError(
+                    f"{reason} in step {step + 1:,} of {steps:,}; take fewer `steps`, at most "
+                    f"{step:,}, or allow a longer string by a line `most: {2 * self.system.most}`"
+                ) from None
+            if not changed and not self.is_random:
+                break
+        return self.string
+
+    def _spend(self, work: int) -> None:
+        self.left -= work
+        if self.left < 0:
+            most = WORK * self.system.most
+            raise _TooLarge(f"more than {most:,} modules, rules and contexts are looked at")
+
+    def _step(self) -> bool:
+        """Rewrite the string once; return whether a rule was applied."""
+        string, most = self.string, self.system.most
+        self._spend(STEP + len(string))
+        if self.contexts:
+            self.bearers, self.matches = _structure(string)
+        out: list[Letter] = []
+        changed = False
+        for k, letter in enumerate(string):
+            rules = self.by_symbol.get(letter.symbol)
+            made = _SAME if rules is None else self.known.get(letter)
+            if made is None and rules is not None:
+                made = self._rewritten(rules, k)
+            if made is _SAME or made is None:
+                out.append(letter)
+                continue
+            changed = True
+            out += made
+            if len(out) > most:
+                break
+        if len(out) > most:
+            raise _TooLarge(f"the string grows beyond {most:,} modules")
+        self.string = out
+        return changed
+
+    def _rewritten(self, rules: Sequence[LRule], k: int) -> list[Letter]:
+        """Return what the rules make of a module, `_SAME` where none applies."""
+        letter = self.string[k]
+        chosen = self._choose(rules, k)
+        made = _SAME
+        if chosen is not None:
+            rule, names = chosen
+            self._spend(len(rule.successor) + rule.cost)
+            made = [self._letter(s, fs, names, rule.line) for s, fs in rule.successor]
+        if letter.symbol in self.plain and len(self.known) < KEPT:
+            self.known[letter] = made
+        return made
+
+    def _letter(
+        self, symbol: str, formulas: tuple[Compute, ...], names: Mapping[str, float], line: int
+    ) -> Letter:
+        if not formulas:
+            return Letter(symbol, ())
+        args = tuple([self._value(f, names, line) for f in formulas])
+        return Letter(symbol, args)
+
+    def _value(self, formula: Compute, names: Mapping[str, float], line: int) -> float:
+        """Return a number; raises with the line of the rule where there is none."""
+        try:
+            value = float(formula(names))
+        except (ArithmeticError, ValueError) as error:
+            raise self._no_value(str(error), names, line) from None
+        if not math.isfinite(value):
+            raise self._no_value("it is too large", names, line)
+        return value
+
+    def _no_value(self, why: str, names: Mapping[str, float], line: int) -> UsageError:
+        bound = (name for name in names if name.isidentifier())
+        own = [f"{n} = {names[n]:g}" for n in bound if self.constants.get(n) != names[n]]
+        where = f" of the rule in line {line}" if line else " of the axiom"
+        given = f" ({', '.join(own)})" if own else ""
+        return UsageError(f"a number{where} cannot be computed: {why}{given}")
+
+    def _choose(self, rules: Sequence[LRule], k: int) -> tuple[LRule, dict[str, float]] | None:
         possible: list[tuple[LRule, dict[str, float], float]] = []
         for rule in rules:
+            self._spend(self.glance)
             names = dict(self.constants)
-            if not rule.predecessor.binds(string[k], names):
+            if not rule.predecessor.binds(self.string[k], names):
                 continue
-            if rule.left and not self._fits_left(rule.left, string, k, bearers, names):
+            if rule.left and not self._fits_left(rule.left, k, names):
                 continue
-            if rule.right and not self._fits_right(rule.right, string, k, matches, names):
+            if rule.right and not self._fits_right(rule.right, 0, k + 1, (), names):
                 continue
-            if rule.condition is not None and not rule.condition(names):
+            if rule.condition is not None:
+                self._spend(rule.cost)
+            if rule.condition is not None and not self._value(rule.condition, names, rule.line):
                 continue
             if rule.probability is None:
                 # A certain rule: the first that fits, unless a chance came before.
                 if not possible:
                     return rule, names
                 break
-            possible.append((rule, names, rule.probability(names)))
+            chance = self._value(rule.probability, names, rule.line)
+            if chance < 0.0:
+                raise UsageError(f"line {rule.line}: the probability {chance:g} is below 0")
+            possible.append((rule, names, chance))
         if not possible:
             return None
         # Probabilities that do not add up to 1 leave the rest to the module as it is.
         total = max(1.0, sum(p for _, _, p in possible))
-        draw = self.draws.uniform() * total
+        draw = self.system.draws.uniform() * total
         for rule, names, p in possible:
             draw -= p
             if draw < 0.0:
                 return rule, names
         return None
 
-    def _fits_left(
-        self,
-        patterns: tuple[Pattern, ...],
-        string: list[Letter],
-        k: int,
-        bearers: list[int],
-        names: dict[str, float],
-    ) -> bool:
-        at = bearers[k]
+    def _fits_left(self, patterns: tuple[Pattern, ...], k: int, names: dict[str, float]) -> bool:
+        at = self.bearers[k]
         for pattern in reversed(patterns):
-            while at >= 0 and string[at].symbol in self.ignored:
-                at = bearers[at]
-            if at < 0 or not pattern.binds(string[at], names):
+            while at >= 0 and self.string[at].symbol in self.ignored:
+                at = self.bearers[at]
+                self._spend(1)
+            if at < 0 or not pattern.binds(self.string[at], names):
                 return False
-            at = bearers[at]
+            at = self.bearers[at]
         return True
 
     def _fits_right(
         self,
         patterns: tuple[Pattern, ...],
-        string: list[Letter],
-        k: int,
-        matches: list[int],
+        p: int,
+        at: int,
+        ends: tuple[int, ...],
         names: dict[str, float],
     ) -> bool:
-        at = k + 1
-        for pattern in patterns:
-            # Branches stand aside; the axis goes on behind them.
+        """Return whether patterns from the p-th on fit what stands from a place on.
+
+        Branches that the pattern does not ask for stand aside, and so does the rest of one that it
+        does (Prusinkiewicz and Lindenmayer 1990, p. 31).
+
+        Parameters
+        ----------
+        ends
+            Where the branches end that the pattern is in.
+        """
+        string = self.string
+        for number in range(p, len(patterns)):
+            pattern = patterns[number]
+            if pattern.symbol == "]":
+                at, ends = ends[-1] + 1, ends[:-1]
+                continue
+            if pattern.symbol == "[":
+                return self._fits_branch(patterns, number + 1, at, ends, names)
             while at < len(string) and (
                 string[at].symbol == "[" or string[at].symbol in self.ignored
             ):
-                at = matches[at] + 1 if string[at].symbol == "[" else at + 1
+                at = self.matches[at] + 1 if string[at].symbol == "[" else at + 1
+                self._spend(1)
             if at >= len(string) or not pattern.binds(string[at], names):
                 return False
             at += 1
         return True
+
+    def _fits_branch(
+        self,
+        patterns: tuple[Pattern, ...],
+        p: int,
+        at: int,
+        ends: tuple[int, ...],
+        names: dict[str, float],
+    ) -> bool:
+        """Return whether patterns fit that begin in one of the branches at a place."""
+        string = self.string
+        while True:
+            while at < len(string) and string[at].symbol in self.ignored:
+                at += 1
+                self._spend(1)
+            if at >= len(string) or string[at].symbol != "[":
+                return False
+            self._spend(1)
+            # A branch that does not fit stands aside, and what it bound is forgotten.
+            bound, end = dict(names), self.matches[at]
+            if self._fits_right(patterns, p, at + 1, (*ends, end), bound):
+                names.update(bound)
+                return True
+            at = end + 1
+
+
+_SAME: list[Letter] = []
+"""Stands for the module as it is, by its identity."""
 
 
 def _structure(string: Sequence[Letter]) -> tuple[list[int], list[int]]:
@@ -339,97 +381,3 @@ def _structure(string: Sequence[Letter]) -> tuple[list[int], list[int]]:
             bearers[k] = last
             last = k
     return bearers, matches
-
-
-_RULE = re.compile(r"^(?P<head>.*?)->(?P<body>.*)$", re.DOTALL)
-
-
-def read_lsystem(text: str, name: str = "<text>", seed: int = 0) -> LSystem:
-    """Return the L-system of a text.
-
-    Raises
-    ------
-    UsageError
-        Every line that is not understood, with its number.
-    """
-    system = LSystem(draws=Draws(seed))
-    problems: list[str] = []
-    for number, raw in enumerate(text.splitlines(), 1):
-        line = re.sub(r"//.*$", "", raw).strip()
-        if not line:
-            continue
-        try:
-            _read_line(system, line)
-        except UsageError as error:
-            problems.append(f"{name}:{number}: {error}\n  {number} | {raw.strip()}")
-    if not problems and not system.axiom:
-        problems.append(f"{name}: there is no line `axiom: ...`")
-    if problems:
-        raise UsageError("\n".join(problems))
-    return system
-
-
-def _read_line(system: LSystem, line: str) -> None:
-    if line.startswith("#define"):
-        parts = line.split(None, 2)
-        if len(parts) != 3:
-            raise UsageError("write `#define name value`")
-        system.constants[parts[1]] = read_formula(parts[2], system.draws)(system.constants)
-        return
-    setting = re.match(r"^([a-z][a-z]+)\s*:(.*)$", line)
-    if setting and "->" not in line:
-        name, value = setting[1], setting[2].strip()
-        if name == "axiom":
-            system.axiom = _read_successor(value, system.draws)
-        elif name == "ignore":
-            system.ignored = value.replace(" ", "")
-        else:
-            system.settings[name] = value
-        return
-    match = _RULE.match(line)
-    if not match:
-        raise UsageError("expected a rule, `#define`, or a line `name: value`")
-    system.rules.append(_read_rule(match["head"], match["body"], system.draws))
-
-
-def _read_successor(text: str, draws: Draws) -> list[tuple[str, tuple[Formula, ...]]]:
-    return [(s, tuple(read_formula(a, draws) for a in args)) for s, args in split_modules(text)]
-
-
-def _read_rule(head: str, body: str, draws: Draws) -> LRule:
-    fields = _split_colons(head)
-    if len(fields) > 3:
-        raise UsageError("a rule has a predecessor, a condition and a probability at most")
-    left_text, middle, right_text = _split_context(fields[0])
-    predecessors = _patterns(middle)
-    if len(predecessors) != 1:
-        raise UsageError("a rule rewrites exactly one module")
-    condition = fields[1].strip() if len(fields) > 1 else ""
-    chance = fields[2].strip() if len(fields) > 2 else ""
-    successor = [] if body.strip() in ("", "*") else _read_successor(body, draws)
-    return LRule(
-        _patterns(left_text),
-        predecessors[0],
-        _patterns(right_text),
-        None if condition in ("", "*") else read_formula(condition, draws),
-        None if not chance else read_formula(chance, draws),
-        tuple(successor),
-    )
-
-
-def _split_colons(text: str) -> list[str]:
-    return text.split(":")
-
-
-def _split_context(text: str) -> tuple[str, str, str]:
-    left, less, rest = text.partition("<")
-    if not less:
-        left, rest = "", text
-    middle, _greater, right = rest.partition(">")
-    return left, middle, right
-
-
-def _patterns(text: str) -> tuple[Pattern, ...]:
-    return tuple(
-        Pattern(symbol, tuple(a.strip() for a in args)) for symbol, args in split_modules(text)
-    )

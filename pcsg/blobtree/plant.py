@@ -2,53 +2,35 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.blobtree.lsystem import LSystem, read_lsystem
+from pcsg.blobtree.lsystem import LSystem
+from pcsg.blobtree.lsystemfile import LSystemText, plain_lines, read_lines, told
 from pcsg.blobtree.nodes import Field, color, place, polygon, union
-from pcsg.blobtree.tree import CONTACT, Colour, Junctions, grow
-from pcsg.blobtree.turtle import Drawing, draw
-from pcsg.errors import EnvironmentFault, UsageError, suggest
+from pcsg.blobtree.plantsettings import Settings, read_settings
+from pcsg.blobtree.tree import grow
+from pcsg.blobtree.turtle import MOST_PARTS, Drawing, draw
+from pcsg.catalogue import diagnose
+from pcsg.errors import Diagnostic, EnvironmentFault, Source, SourceSpan, UsageError
 
 Array = NDArray[np.float64]
 
-BARK = (0.23, 0.17, 0.12)
-LEAF = (0.16, 0.30, 0.06)
+MODULES_PER_PART = 20
+"""A string may have this many modules for each part that a plant may have."""
+
+MOST_CHANGED = 60
+"""Constants that a user may change, the first ones of a file."""
 
 LEAF_OUTLINE = np.array(
     [(0.0, 0.0), (0.30, -0.20), (0.62, -0.16), (1.0, 0.0), (0.62, 0.16), (0.30, 0.20)]
 )
 """A leaf along x, of length 1."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the lines ``name: value`` of an L-system say.
-
-    Attributes
-    ----------
-    bark, leaves
-        Linear colours, one after the other as the turtle's ``'`` counts.
-    seed
-        None where it is not given.
-    """
-
-    junctions: Junctions
-    bark: tuple[Colour, ...]
-    leaves: tuple[Colour, ...]
-    thickness: float
-    seed: int | None
-
-
-SETTINGS = ("junctions", "bark", "leaves", "bend", "tip", "printed", "seed", "thickness")
 
 
 def read_plain(path: Path) -> str:
@@ -60,7 +42,7 @@ def read_plain(path: Path) -> str:
         It cannot be read.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise UsageError(f"there is no file `{path.name}`") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -76,21 +58,63 @@ def read_text(path: Path) -> str:
         It cannot be read, or a line is not understood.
     """
     text = read_plain(path)
-    with _told(path.name):
-        read_settings(read_lsystem(text, path.name))
+    _read(text, path.name, 0, {})
     return text
 
 
-def plant_of(text: str, name: str = "<text>", seed: int | None = None) -> Field:
-    """Return the field of the plant that an L-system's text describes."""
-    with _told(name):
-        return assemble(*_drawn(text, name, seed))
+def lsystem_mistakes(text: str, name: str) -> list[Diagnostic]:
+    """Return what is wrong with the text of an L-system, and what is worth a look."""
+    found = _look(text, 0, {})[0]
+    source = Source(name, plain_lines(text))
+    codes = {"error": "bad-lsystem", "warning": "odd-lsystem"}
+    return [
+        diagnose(codes[r.severity], r.message, _line_span(source, r.line) if r.line else None)
+        for r in sorted(found.remarks)
+    ]
 
 
-def drawing_of(text: str, name: str = "<text>", seed: int | None = None) -> Drawing:
-    """Return skeleton, leaves and polygons of the plant that an L-system's text describes."""
+def _line_span(source: Source, number: int) -> SourceSpan:
+    line = source.line(number)
+    start = source.line_starts[number - 1] + len(line) - len(line.lstrip())
+    return SourceSpan(source, start, start + len(line.strip()))
+
+
+def numbers_of(text: str) -> dict[str, float]:
+    """Return the constants of an L-system that are plain numbers: those that a user may change.
+
+    There are none where the text cannot be read.
+    """
+    system = read_lines(text).system
+    plain = ((name, about.number) for name, about in system.definitions.items())
+    return {name: number for name, number in islice(plain, MOST_CHANGED) if number is not None}
+
+
+def plant_of(
+    text: str,
+    name: str = "<text>",
+    seed: int | None = None,
+    constants: Mapping[str, float] | None = None,
+) -> Field:
+    """Return the field of the plant that an L-system's text describes.
+
+    Parameters
+    ----------
+    constants
+        Values in place of those of ``#define``.
+    """
     with _told(name):
-        return _drawn(text, name, seed)[0]
+        return assemble(*_drawn(text, name, seed, constants or {}))
+
+
+def drawing_of(
+    text: str,
+    name: str = "<text>",
+    seed: int | None = None,
+    constants: Mapping[str, float] | None = None,
+) -> Drawing:
+    """Return skeleton, leaves and polygons of the plant; arguments as for `plant_of`."""
+    with _told(name):
+        return _drawn(text, name, seed, constants or {})[0]
 
 
 @contextmanager
@@ -98,73 +122,50 @@ def _told(name: str) -> Iterator[None]:
     try:
         yield
     except UsageError as error:
-        told = str(error)
-        raise UsageError(told if told.startswith(name) else f"{name}: {told}") from None
+        told_already = str(error)
+        if told_already.startswith(name):
+            raise
+        raise UsageError(f"{name}: {told_already}") from None
     except (ArithmeticError, ValueError) as error:
         raise UsageError(f"{name}: a number cannot be computed: {error}") from None
     except MemoryError:
         raise EnvironmentFault(f"{name}: not enough memory for its string") from None
 
 
-def _drawn(text: str, name: str, seed: int | None) -> tuple[Drawing, Settings]:
-    system = read_lsystem(text, name, 0 if seed is None else seed)
-    settings = read_settings(system)
+def _look(
+    text: str, seed: int, constants: Mapping[str, float]
+) -> tuple[LSystemText, Settings | None]:
+    """Return what a text says, with all that is wrong, and its settings if they are right."""
+    found = read_lines(text, seed, constants)
+    settings = read_settings(found)
+    if settings is not None and settings.most is not None:
+        found.system.most = max(found.system.most, MODULES_PER_PART * settings.most)
+    return found, settings
+
+
+def _read(
+    text: str, name: str, seed: int, constants: Mapping[str, float]
+) -> tuple[LSystem, Settings]:
+    found, settings = _look(text, seed, constants)
+    mistakes = found.mistakes()
+    if mistakes or settings is None:
+        raise UsageError(told(mistakes, text, name))
+    return found.system, settings
+
+
+def _drawn(
+    text: str, name: str, seed: int | None, constants: Mapping[str, float]
+) -> tuple[Drawing, Settings]:
+    system, settings = _read(text, name, 0 if seed is None else seed, constants)
     if seed is None and settings.seed is not None:
-        system = read_lsystem(text, name, settings.seed)
-    angle, width = system.constants.get("angle", 30.0), system.constants.get("width", 0.1)
-    return draw(system.derive(), angle, width), settings
-
-
-def read_settings(system: LSystem) -> Settings:
-    """Return the settings of an L-system.
-
-    Raises
-    ------
-    UsageError
-        One is not known, or its value is not what it takes.
-    """
-    for name in system.settings:
-        if name not in SETTINGS:
-            hint = suggest(name, SETTINGS)
-            known = hint or f"there are {', '.join(SETTINGS)}"
-            raise UsageError(f"unknown setting `{name}`; {known}")
-
-    def number(name: str, default: float) -> float:
-        text = system.settings.get(name)
-        found = (default,) if text is None else _numbers(text)
-        if len(found) != 1:
-            raise UsageError(f"`{name}:` takes a number, not `{text}`")
-        return found[0]
-
-    def colours(name: str, default: Colour) -> tuple[Colour, ...]:
-        text = system.settings.get(name)
-        found = default if text is None else _numbers(text)
-        if not found or len(found) % 3:
-            raise UsageError(f"`{name}:` takes three numbers for each colour, not `{text}`")
-        return tuple((found[k], found[k + 1], found[k + 2]) for k in range(0, len(found), 3))
-
-    junctions = Junctions(
-        mode=system.settings.get("junctions", CONTACT),
-        bend=number("bend", 0.0),
-        tip=number("tip", 0.3),
-        printed=number("printed", 0.0) != 0.0,
+        system, settings = _read(text, name, settings.seed, constants)
+    said = system.constants.get
+    most = MOST_PARTS if settings.most is None else settings.most
+    string = system.derive()
+    return (
+        draw(string, said("angle", 30.0), said("width", 0.1), said("thinning", 0.7), most),
+        settings,
     )
-    return Settings(
-        junctions,
-        colours("bark", BARK),
-        colours("leaves", LEAF),
-        number("thickness", 0.012),
-        int(number("seed", 0.0)) if "seed" in system.settings else None,
-    )
-
-
-def _numbers(text: str) -> tuple[float, ...]:
-    """Return the numbers in a text, none if anything else is there."""
-    try:
-        found = tuple(float(v) for v in text.replace(",", " ").split())
-    except ValueError:
-        return ()
-    return found if all(map(math.isfinite, found)) else ()
 
 
 def assemble(drawing: Drawing, settings: Settings) -> Field:

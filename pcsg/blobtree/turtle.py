@@ -9,15 +9,17 @@ r"""The turtle: strings of an L-system become internodes, leaves and polygons.
 ``|``          turn back
 ``$``          roll until the turtle's left is horizontal
 ``[ ]``        a branch
-``!(w)``       the width: the radius of what follows
+``!(w)``       the width: the radius of what follows; without a number `thinning` times the last one
 ``'``          the next colour of wood and leaves
 ``%``          cuts off the rest of the branch
 ``L(size)``    a leaf
-``{ }``        a polygon of the points where the turtle is after each ``G(l)``
+``{ }``        a polygon; its corners are where it begins and where each ``F``, ``f``, ``G`` leads
+``.``          a corner of the polygon; where one has dots, ``G`` makes no corners
 =============  =================================================================================
 
 Angles are degrees; without a number they are the constant ``angle``. The turtle starts in the
-origin, looking up.
+origin, looking up. Polygons are those of Prusinkiewicz and Lindenmayer 1990, section 5.1: they
+stand on a stack of their own, so that one may begin in a branch and end behind it.
 """
 
 from __future__ import annotations
@@ -35,8 +37,14 @@ from pcsg.errors import UsageError
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
+COMMANDS = frozenset("FfG+-&^/\\|$[]!'%L{}.")
+"""Modules that the turtle knows."""
+
 LARGEST = 1e100
 """A coordinate beyond has no square."""
+
+MOST_PARTS = 25_000
+"""Internodes, leaves and triangles at most, where a file does not ask for more: some seconds."""
 
 
 class Skeleton(NamedTuple):
@@ -110,17 +118,69 @@ def _turn(a: Vector, b: Vector, degrees: float) -> tuple[Vector, Vector]:
     return first, second
 
 
-def draw(string: Sequence[Letter], angle: float = 30.0, width: float = 0.1) -> Drawing:
-    """Return what the turtle draws for a string."""
+class _Outline:
+    """The corners of a polygon while it is drawn.
+
+    Parameters
+    ----------
+    start
+        Where it begins.
+    """
+
+    def __init__(self, start: Vector) -> None:
+        self.start = start
+        # Corners, and whether they are of `G`, which makes none where there are dots.
+        self.corners: list[tuple[Vector, bool]] = []
+        self.dotted = False
+
+    def add(self, place: Vector, symbol: str) -> None:
+        self.corners.append((place, symbol == "G"))
+        self.dotted = self.dotted or symbol == "."
+
+    def polygon(self, colour: int) -> Polygon | None:
+        """Return the polygon; None for one of fewer than three corners."""
+        places = [place for place, of_g in self.corners if not (self.dotted and of_g)]
+        places = [p for k, p in enumerate(places) if not k or p != places[k - 1]]
+        # Dots say where all corners are, the first one too if there are enough.
+        if not self.dotted or len(places) < 3:
+            places = [self.start, *(p for p in places[:1] if p != self.start), *places[1:]]
+        return Polygon(np.array(places), colour) if len(places) >= 3 else None
+
+
+def draw(
+    string: Sequence[Letter],
+    angle: float = 30.0,
+    width: float = 0.1,
+    thinning: float = 0.7,
+    most: int = MOST_PARTS,
+) -> Drawing:
+    """Return what the turtle draws for a string.
+
+    Parameters
+    ----------
+    angle, width
+        In degrees, of turns without a number; the radius of what comes first.
+    thinning
+        What ``!`` without a number multiplies the width by.
+    most
+        Internodes, leaves and triangles of polygons at most.
+
+    Raises
+    ------
+    UsageError
+        Brackets do not match, a number makes no sense, or there are too many parts.
+    """
     rows: list[tuple[Vector, Vector, float, float, int, bool, int]] = []
     tops: list[float] = []
     leaves: list[tuple[Vector, tuple[Vector, Vector, Vector], float, int]] = []
     polygons: list[Polygon] = []
-    outline: list[Vector] | None = None
+    outlines: list[_Outline] = []
+    triangles = 0
     s = _State((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), width, 0, -1,
                False)  # fmt: skip
     stack: list[_State] = []
     cut = 0
+    was_cut = False
     for symbol, args in string:
         if cut and symbol not in "[]":
             continue
@@ -131,14 +191,14 @@ def draw(string: Sequence[Letter], angle: float = 30.0, width: float = 0.1) -> D
             if not max(map(abs, to)) < LARGEST:
                 raise UsageError(f"{symbol}({length:g}): it leads too far away")
             here: Vector = (to[0], to[1], to[2])
-            if symbol == "F" and length > 0.0:
+            if symbol == "F" and here != s.place and length > 0.0:
                 rows.append((s.place, here, s.width, s.width, s.last, not s.own, s.colour))
                 tops.append(s.width)
                 s = s._replace(place=here, last=len(rows) - 1, own=True)
             else:
-                s = s._replace(place=here, own=s.own if symbol == "G" else False)
-            if outline is not None:
-                outline.append(here)
+                s = s._replace(place=here, own=s.own and (symbol == "G" or here == s.place))
+            if outlines:
+                outlines[-1].add(here, symbol)
         elif symbol in "+-":
             turned = (angle if first is None else first) * (1.0 if symbol == "+" else -1.0)
             h, left = _turn(s.heading, s.left, turned)
@@ -157,7 +217,7 @@ def draw(string: Sequence[Letter], angle: float = 30.0, width: float = 0.1) -> D
         elif symbol == "$":
             s = _level(s)
         elif symbol == "!":
-            w = s.width if first is None else first
+            w = s.width * thinning if first is None else first
             if w <= 0.0:
                 raise UsageError(f"!({w:g}): a width must be > 0")
             if s.own and s.last >= 0:
@@ -180,18 +240,30 @@ def draw(string: Sequence[Letter], angle: float = 30.0, width: float = 0.1) -> D
                 raise UsageError("the string has a `]` without `[`")
             s = stack.pop()
         elif symbol == "%":
-            cut = 1
+            cut, was_cut = 1, True
         elif symbol == "L":
             size = 1.0 if first is None else first
             leaves.append((s.place, (s.heading, s.left, s.up), size, s.colour))
         elif symbol == "{":
-            outline = [s.place]
+            outlines.append(_Outline(s.place))
+        elif symbol == "." and outlines:
+            outlines[-1].add(s.place, symbol)
         elif symbol == "}":
-            if outline is not None and len(outline) >= 3:
-                polygons.append(Polygon(np.array(outline), s.colour))
-            outline = None
+            if not outlines:
+                raise UsageError("the string has a `}` without `{`")
+            if polygon := outlines.pop().polygon(s.colour):
+                polygons.append(polygon)
+                triangles += len(polygon.corners) - 2
+        if len(rows) + len(leaves) + triangles > most:
+            raise UsageError(
+                f"it draws more than {most:,} internodes, leaves and triangles; take fewer "
+                f"`steps`, or allow more by a line `most: {4 * most}`"
+            )
     if stack:
         raise UsageError("the string has a `[` without `]`")
+    # What `%` cuts off may be the end of a polygon.
+    if outlines and not was_cut:
+        raise UsageError("the string has a `{` without `}`")
     return Drawing(_skeleton(rows, tops), _leaves(leaves), polygons)
 
 

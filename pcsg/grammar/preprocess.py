@@ -13,7 +13,8 @@ from pathlib import Path
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, Source, SourceSpan
 from pcsg.grammar.macros import Expander, Macro, line_end, take_define, usable_macros
-from pcsg.grammar.tokens import Token, join, tokenize
+from pcsg.grammar.tokens import WORD, Token, join, tokenize, words
+from pcsg.graph.graph import GLOBALS
 from pcsg.growth.leaf import is_species, species_mistakes
 from pcsg.skeletonfile import SKELETON_ENDINGS
 
@@ -30,9 +31,10 @@ class Unit:
     includes: list[tuple[Path, SourceSpan]] = field(default_factory=list)
 
 
-PLANT = """material(plant) blob("NAME", SEED)
+PLANT = """CONSTANTS material(plant) blob("NAME", SEEDNUMBERS)
 """
-"""The grammar that the file of an L-system stands for: the plant that it draws."""
+"""The grammar that the file of an L-system stands for: the plant that it draws; its constants are
+parameters, so that ``-D steps=3`` changes them."""
 
 SKELETON = """{junctions = 1; bend = 0} material(plant) blob("NAME", junctions, bend)
 """
@@ -69,10 +71,22 @@ class Preprocessed:
 def model_grammar(suffix: str, text: str) -> str | None:
     """Return the grammar that a file of a model stands for; None for a grammar itself."""
     if suffix == ".lsys":
-        return PLANT + MEADOW
+        return _plant_grammar(text)
     if suffix == ".json" and is_species(text):
         return GROWING
     return SKELETON + MEADOW if suffix in SKELETON_ENDINGS else None
+
+
+def _plant_grammar(text: str) -> str:
+    from pcsg.blobtree.plant import numbers_of
+
+    numbers = numbers_of(text)
+    reserved = words().keys() | GLOBALS.keys()
+    free = [name for name in numbers if WORD.fullmatch(name) and name not in reserved]
+    block = "; ".join(f"{name} = {numbers[name]!r}" for name in free)
+    given = "".join(f", {name if name in free else repr(x)}" for name, x in numbers.items())
+    plant = PLANT.replace("CONSTANTS", f"{{{block}}}").replace("NUMBERS", given)
+    return plant + MEADOW
 
 
 def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
@@ -82,10 +96,15 @@ def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
         form = model_grammar(path.suffix, source.text)
         if form == GROWING:
             problems += species_mistakes(source.text, source.name)
+        elif path.suffix == ".lsys":
+            from pcsg.blobtree.plant import lsystem_mistakes
+
+            problems += lsystem_mistakes(source.text, source.name)
         if form is not None:
             text = form.replace("NAME", path.name)
             folder = str(path.parent)
-            source = None if problems else Source(str(path), text, folder, written=False)
+            wrong = any(p.severity == "error" for p in problems)
+            source = None if wrong else Source(str(path), text, folder, written=False)
     if source is None:
         return Preprocessed(None, [], problems)
     return _preprocess(source, path.resolve(), path.parent, include, problems)

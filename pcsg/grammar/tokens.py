@@ -133,6 +133,9 @@ _PATTERN = re.compile(
     """,
     re.VERBOSE,
 )
+WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+"""What can be a name."""
+
 _WORD_TAIL = re.compile(r"[A-Za-z0-9_.]+")
 
 _LOOKALIKES = {

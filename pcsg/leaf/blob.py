@@ -164,26 +164,31 @@ class FileSource(BlobSource):
 
 
 class PlantSource(FileSource):
-    """The trees that the L-system of a file draws, one for each seed."""
-
-    defaults = (0.0,)
+    """The trees that the L-system of a file draws, for a seed and values of its constants."""
 
     def __init__(self, text: str, name: str) -> None:
-        super().__init__(text, name, ("seed",))
+        from pcsg.blobtree.plant import numbers_of
+
+        numbers = numbers_of(text)
+        super().__init__(text, name, ("seed", *numbers))
+        self.defaults = (0.0, *numbers.values())
 
     def build(self, values: Sequence[float]) -> Field:
         from pcsg.blobtree.plant import plant_of
 
-        return plant_of(self._text, self._name, self._seed(values))
+        return plant_of(self._text, self._name, *self._chosen(values))
 
     def junctions(self, values: Sequence[float]) -> Areas | None:
         from pcsg.blobtree.areas import junction_areas
         from pcsg.blobtree.plant import drawing_of
 
-        return junction_areas(drawing_of(self._text, self._name, self._seed(values)).skeleton)
+        return junction_areas(drawing_of(self._text, self._name, *self._chosen(values)).skeleton)
 
-    def _seed(self, values: Sequence[float]) -> int | None:
-        return int(values[0]) if values[0] != 0.0 else None
+    def _chosen(self, values: Sequence[float]) -> tuple[int | None, dict[str, float]]:
+        """Return the seed, none for the file's own, and the constants that are changed."""
+        given = zip(self.parameters[1:], values[1:], self.defaults[1:], strict=True)
+        changed = {name: value for name, value, default in given if value != default}
+        return (int(values[0]) if values[0] != 0.0 else None), changed
 
 
 class SkeletonSource(FileSource):
@@ -203,7 +208,7 @@ class SkeletonSource(FileSource):
 
     def build(self, values: Sequence[float]) -> Field:
         from pcsg.blobtree.nodes import color
-        from pcsg.blobtree.plant import BARK
+        from pcsg.blobtree.plantsettings import BARK
         from pcsg.blobtree.tree import MODES, Junctions, grow
 
         mode, bend = values

@@ -9,7 +9,7 @@ import pcsg
 from pcsg import Scene, blob
 from pcsg import blobtree as b
 from pcsg.blobtree.frames import carry, frames_of
-from pcsg.blobtree.lsystem import read_lsystem
+from pcsg.blobtree.lsystemfile import read_lsystem
 from pcsg.blobtree.meeting import frame_of
 from pcsg.blobtree.turtle import Skeleton, draw
 from pcsg.jit import plain

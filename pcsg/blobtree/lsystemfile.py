@@ -1,0 +1,532 @@
+"""Texts of L-systems: their lines, comments, rules and settings.
+
+The text is like that of cpfg (Prusinkiewicz and Lindenmayer 1990)::
+
+    #define steps 8
+    axiom: !(0.1) A(1, 0.1)
+    A(l, w) : l > 0.05 -> F(l) [ &(35) A(l*0.8, w*0.7) ] /(137.5) !(w*0.9) A(l*0.9, w*0.9)
+    X < B(x) > Y : x > 1 : 0.6 -> B(x-1)
+
+A rule has a left context, a predecessor, a right context, a condition (``*`` for none) and a
+probability, of which only the predecessor must be; the probability may stand behind the successor.
+Modules are single characters with numbers.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from pcsg.blobtree.formulas import NAME, Draws, Formula, read_formula
+from pcsg.blobtree.lsystem import LRule, LSystem, Pattern, Successor
+from pcsg.blobtree.signs import (
+    blank_block_comments,
+    number_signs,
+    plain_digits,
+    plain_signs,
+    string_signs,
+)
+from pcsg.blobtree.turtle import COMMANDS
+from pcsg.errors import UsageError, suggest
+
+LARGEST_TEXT = 1_000_000
+"""Characters of a text at most."""
+
+MOST_CONSTANTS = 1_000
+"""Definitions at most."""
+
+MOST_REMARKS = 100
+"""More are not told."""
+
+MOST_PATTERNS = 60
+"""Modules of a context at most."""
+
+MOST_NUMBERS = 50
+"""Numbers of a module at most."""
+
+_ARROW = re.compile(r"-{1,2}>|={1,2}>")
+_LABEL = re.compile(r"^\s*p\d+\s*:(?=.)")
+_SETTING = re.compile(r"^([A-Za-z\u03c9][A-Za-z_ -]*?)\s*:(.*)$")
+_SLASHES = re.compile(r"/{2,}")
+
+_SAME_AS = {"\u03c9": "axiom", "w": "axiom"}
+"""What books call the axiom."""
+
+_FRAME = ("lsystem", "endlsystem")
+"""Lines that other programs put about the rules."""
+
+
+class Remark(NamedTuple):
+    """What is wrong with a line, or worth a look.
+
+    Attributes
+    ----------
+    line
+        From 1; 0 for the whole text.
+    severity
+        ``error`` or ``warning``.
+    """
+
+    line: int
+    message: str
+    severity: str = "error"
+
+
+@dataclass
+class LSystemText:
+    """What the text of an L-system says.
+
+    Attributes
+    ----------
+    settings
+        Lines ``name: value`` such as ``junctions: contact``, each with its line's number.
+    remarks
+        Everything that is wrong, and what is worth a look.
+    """
+
+    system: LSystem
+    settings: dict[str, tuple[str, int]] = field(default_factory=dict)
+    remarks: list[Remark] = field(default_factory=list)
+
+    def complain(self, line: int, message: str, severity: str = "error") -> None:
+        """Take down a remark."""
+        if len(self.remarks) < MOST_REMARKS or (severity == "error" and not self.mistakes()):
+            self.remarks.append(Remark(line, message, severity))
+
+    def mistakes(self) -> list[Remark]:
+        """Return what makes the text unusable, by lines."""
+        return sorted(r for r in self.remarks if r.severity == "error")
+
+
+def plain_lines(text: str) -> str:
+    """Return a text with lines that end in a line feed only."""
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def told(remarks: Iterable[Remark], text: str, name: str) -> str:
+    """Return remarks as text, with the lines that they are about."""
+    lines = plain_lines(text).split("\n")
+    return "\n".join(
+        f"{name}:{r.line}: {r.message}\n  {r.line} | {lines[r.line - 1].strip()[:120]}"
+        if r.line
+        else f"{name}: {r.message}"
+        for r in remarks
+    )
+
+
+def read_lsystem(text: str, name: str = "<text>", seed: int = 0) -> LSystem:
+    """Return the L-system of a text.
+
+    Raises
+    ------
+    UsageError
+        Every line that is not understood, with its number.
+    """
+    found = read_lines(text, seed)
+    if mistakes := found.mistakes():
+        raise UsageError(told(mistakes, text, name))
+    return found.system
+
+
+def read_lines(
+    text: str, seed: int = 0, constants: Mapping[str, float] | None = None
+) -> LSystemText:
+    """Return what a text says, with all that is wrong.
+
+    Parameters
+    ----------
+    constants
+        Values in place of those of ``#define``.
+    """
+    return _Reader(text, Draws(seed), constants or {}).read()
+
+
+def split_modules(text: str) -> list[tuple[str, list[str]]]:
+    """Return the characters of a string of modules, each with the texts of its numbers.
+
+    Raises
+    ------
+    UsageError
+        A parenthesis has no partner or no module.
+    """
+    out: list[tuple[str, list[str]]] = []
+    k = 0
+    while k < len(text):
+        symbol = text[k]
+        k += 1
+        if symbol.isspace():
+            continue
+        args: list[str] = []
+        # Between a character and its numbers there is no blank.
+        if k < len(text) and text[k] == "(" and symbol not in "[]()":
+            depth, start = 1, k + 1
+            k += 1
+            while depth and k < len(text):
+                depth += {"(": 1, ")": -1}.get(text[k], 0)
+                if (text[k] == "," and depth == 1) or depth == 0:
+                    args.append(text[start:k])
+                    start = k + 1
+                k += 1
+            if depth:
+                raise UsageError(f"`(` without `)` behind `{symbol}`")
+            if len(args) > MOST_NUMBERS:
+                raise UsageError(f"`{symbol}` has more than {MOST_NUMBERS} numbers")
+        elif symbol in "()":
+            raise UsageError(f"stray `{symbol}`; numbers stand behind their module without a blank")
+        out.append((symbol, args))
+    return out
+
+
+def split_at_top(text: str, sign: str) -> list[str]:
+    """Return the parts of a text between signs that stand in no parentheses."""
+    parts, depth, start = [], 0, 0
+    for k, character in enumerate(text):
+        depth += {"(": 1, ")": -1}.get(character, 0)
+        if character == sign and depth <= 0:
+            parts.append(text[start:k])
+            start = k + 1
+    return [*parts, text[start:]]
+
+
+class _Line(NamedTuple):
+    """A rule or an axiom before its string of modules is read; an axiom has no head."""
+
+    number: int
+    head: str | None
+    body: str
+
+
+class _Reader:
+    """Reads a text twice: first its lines and heads, then the strings, by what heads know."""
+
+    def __init__(self, text: str, draws: Draws, constants: Mapping[str, float]) -> None:
+        self.text = plain_signs(plain_lines(text))
+        self.draws = draws
+        self.given = constants
+        self.out = LSystemText(LSystem(draws=draws))
+        self.lines: list[_Line] = []
+        self.known: set[str] = set(COMMANDS)
+        self.uses: list[tuple[int, Formula, frozenset[str]]] = []
+        self.axiom_line = 0
+
+    def read(self) -> LSystemText:
+        if len(self.text) > LARGEST_TEXT:
+            self.out.complain(0, f"the text is longer than {LARGEST_TEXT:,} characters")
+            return self.out
+        lines, open_line = blank_block_comments(self.text)
+        if open_line is not None:
+            self.out.complain(open_line, "the comment `/*` never ends")
+        for number, line in enumerate(lines, 1):
+            if line.strip():
+                self._attempt(number, self._sort, number, line.strip())
+        for _, head, _ in self.lines:
+            if head is not None:
+                self.known |= _symbols_of(head)
+        for line_ in self.lines:
+            self._attempt(line_.number, self._read_string, line_)
+        if not self.axiom_line:
+            self.out.complain(0, "there is no line `axiom: ...`")
+        self._check_names()
+        return self.out
+
+    def _attempt(self, number: int, read: Callable[..., None], *args: object) -> None:
+        try:
+            read(*args)
+        except UsageError as error:
+            self.out.complain(number, str(error))
+
+    # -- lines -----------------------------------------------------------------------------------
+
+    def _sort(self, number: int, line: str) -> None:
+        """Find out what kind of line it is."""
+        plain = _before_comment(line)
+        if line.startswith("#"):
+            self._define(number, plain)
+            return
+        word = line.split(None, 1)[0].lower().rstrip(":")
+        if word in _FRAME and not _ARROW.search(plain):
+            return
+        setting = _SETTING.match(line)
+        if setting and not _ARROW.search(plain):
+            self._set(number, setting[1].strip(), setting[2])
+            return
+        arrow = re.search(r"-{1,2}>", line) or _ARROW.search(line)
+        if not arrow:
+            raise UsageError("expected a rule, `#define`, or a line `name: value`")
+        self.lines.append(_Line(number, line[: arrow.start()], line[arrow.end() :]))
+
+    def _define(self, number: int, line: str) -> None:
+        parts = line.split(None, 2)
+        if parts[0] != "#define":
+            raise UsageError(f"`{parts[0][:40]}`: the only directive is `#define name value`")
+        if len(parts) != 3:
+            raise UsageError("write `#define name value`")
+        name = parts[1]
+        if not NAME.fullmatch(name):
+            raise UsageError(f"`{name[:40]}` is no name: names are made of letters, digits and _")
+        system = self.out.system
+        if name in system.definitions:
+            self.out.complain(number, f"`{name}` is defined again", "warning")
+        elif len(system.definitions) >= MOST_CONSTANTS:
+            raise UsageError(f"there are more than {MOST_CONSTANTS:,} definitions")
+        formula = self._formula(parts[2])
+        for used in _missing(formula, system.constants):
+            raise UsageError(f"`{used}` has no value in `{formula.shown}`{_hint(used, system)}")
+        system.definitions[name] = formula
+        if name in self.given:
+            system.constants[name] = self.given[name]
+            return
+        try:
+            system.constants[name] = formula.compute(system.constants)
+        except (ArithmeticError, ValueError) as error:
+            raise UsageError(f"`{name}` cannot be computed: {error}") from None
+        if not abs(system.constants[name]) < 1e308:
+            raise UsageError(f"`{name}` cannot be computed: it is too large")
+
+    def _set(self, number: int, written: str, value: str) -> None:
+        name = written.lower()
+        name = _SAME_AS.get(name, name)
+        if name == "axiom":
+            if self.axiom_line:
+                raise UsageError(f"a second axiom; the first is in line {self.axiom_line}")
+            self.axiom_line = number
+            self.lines.append(_Line(number, None, value))
+            return
+        value = _before_comment(value).strip()
+        system = self.out.system
+        if name == "ignore":
+            system.ignored = frozenset(string_signs(value)) - set(" []")
+        elif name == "derivation length":
+            self._define(number, f"#define steps {value}")
+        else:
+            if name in self.out.settings:
+                self.out.complain(number, f"`{name}:` is set again", "warning")
+            self.out.settings[name] = value, number
+
+    # -- strings of modules ----------------------------------------------------------------------
+
+    def _read_string(self, line: _Line) -> None:
+        if line.head is None:
+            successor, _ = self._successor(line.number, self._cut(line), frozenset())
+            self.out.system.axiom = successor
+        else:
+            self._rule(line.number, _LABEL.sub("", plain_digits(line.head)), self._cut(line))
+
+    def _cut(self, line: _Line) -> str:
+        """Return the string of a line without its comment."""
+        text, doubt = cut_comment(line.body, self.known)
+        if doubt:
+            self.out.complain(line.number, doubt, "warning")
+        return string_signs(text).strip()
+
+    def _successor(
+        self, number: int, text: str, names: frozenset[str]
+    ) -> tuple[Successor, list[Formula]]:
+        """Return a string of modules, and all formulas in it."""
+        found: list[tuple[str, tuple[Formula, ...]]] = []
+        for symbol, args in split_modules(text):
+            if symbol not in self.known and not symbol.isalpha():
+                hint = "; a comment stands on a line of its own" if symbol in "#;" else ""
+                raise UsageError(
+                    f"`{symbol}` is no letter, no command of the turtle, and no rule names it{hint}"
+                )
+            found.append((symbol, tuple(self._formula(arg) for arg in args)))
+        formulas = [formula for _, args in found for formula in args]
+        self.uses += [(number, formula, names) for formula in formulas]
+        return tuple((s, tuple(f.compute for f in args)) for s, args in found), formulas
+
+    def _formula(self, text: str) -> Formula:
+        return read_formula(number_signs(text), self.draws)
+
+    def _rule(self, number: int, head: str, body: str) -> None:
+        fields = head.split(":")
+        if len(fields) > 3:
+            raise UsageError("a rule has a predecessor, a condition and a probability at most")
+        left_text, middle, right_text = _split_context(string_signs(fields[0]))
+        left, right = self._patterns(left_text), self._patterns(right_text)
+        predecessors = self._patterns(middle)
+        if len(predecessors) != 1:
+            raise UsageError("a rule rewrites exactly one module")
+        if predecessors[0].symbol in "[]" or any(p.symbol in "[]" for p in left):
+            raise UsageError("brackets stand in right contexts and in what a rule makes only")
+        _check_brackets(right)
+        names = _bound_names([*left, *predecessors, *right])
+        condition, chance = (_said(fields, k) for k in (1, 2))
+        body, trailing = _split_probability(body)
+        texts = (condition, chance, trailing)
+        condition_of, chance_of, trailing_of = (self._formula(t) if t else None for t in texts)
+        if condition_of and condition_of.number is not None and not chance_of and not trailing_of:
+            # A number alone decides nothing as a condition: other programs write chances there.
+            condition_of, chance_of = None, condition_of
+        if chance_of and trailing_of:
+            raise UsageError("the rule has two probabilities, before and behind the arrow")
+        chance_of = chance_of or trailing_of
+        asked = [formula for formula in (condition_of, chance_of) if formula]
+        if chance_of and chance_of.number is not None and chance_of.number < 0.0:
+            raise UsageError(f"a probability is 0 or more, not {chance_of.number:g}")
+        self.uses += [(number, formula, names) for formula in asked]
+        successor, formulas = self._successor(number, "" if body == "*" else body, names)
+        self.out.system.rules.append(
+            LRule(
+                left,
+                predecessors[0],
+                right,
+                condition_of.compute if condition_of else None,
+                chance_of.compute if chance_of else None,
+                successor,
+                number,
+                any(formula.random for formula in [*formulas, *asked]),
+                1 + sum(formula.size for formula in [*formulas, *asked]) // 4,
+            )
+        )
+
+    def _patterns(self, text: str) -> tuple[Pattern, ...]:
+        found = tuple(self._pattern(symbol, args) for symbol, args in split_modules(text))
+        if len(found) > MOST_PATTERNS:
+            raise UsageError(f"a context has {MOST_PATTERNS} modules at most")
+        return found
+
+    def _pattern(self, symbol: str, args: list[str]) -> Pattern:
+        """Return a pattern; what is no name is a value that the number must have."""
+        if args == [""]:
+            args = []
+        names, tests = [], []
+        for k, text in enumerate(arg.strip() for arg in args):
+            if NAME.fullmatch(text):
+                names.append(text)
+                continue
+            formula = self._formula(text)
+            if _missing(formula, self.out.system.constants) or formula.random:
+                raise UsageError(
+                    f"`{text}` in the head of a rule is neither a name nor a number; a condition "
+                    "stands behind `:`"
+                )
+            names.append(f" {k}")  # a name that no formula can read
+            tests.append((k, formula.compute))
+        return Pattern(symbol, tuple(names), tuple(tests))
+
+    def _check_names(self) -> None:
+        """Complain of names without a value, once all constants are known."""
+        seen: set[tuple[int, str]] = set()
+        system = self.out.system
+        for number, formula, names in self.uses:
+            for used in _missing(formula, system.constants, names):
+                if (number, used) not in seen and len(seen) < MOST_REMARKS:
+                    seen.add((number, used))
+                    hint = _hint(used, system, names)
+                    self.out.complain(number, f"`{used}` has no value in `{formula.shown}`{hint}")
+
+
+def _missing(
+    formula: Formula, constants: Mapping[str, float], names: frozenset[str] = frozenset()
+) -> list[str]:
+    """Return the names in a formula that have no value."""
+    return sorted(n for n in formula.names if n not in names and n not in constants)
+
+
+def _hint(used: str, system: LSystem, names: Iterable[str] = ()) -> str:
+    near = suggest(used, [n for n in (*names, *system.constants) if n.isidentifier()])
+    return f"; {near}" if near else f"; `#define {used} ...` gives it one"
+
+
+def _said(fields: list[str], k: int) -> str:
+    """Return a field of a rule's head, empty for none."""
+    text = fields[k].strip() if len(fields) > k else ""
+    return "" if text == "*" else text
+
+
+def _split_probability(body: str) -> tuple[str, str]:
+    """Return a successor and the probability behind it, which other programs write there."""
+    parts = split_at_top(body, ":")
+    if len(parts) > 2:
+        raise UsageError("a rule has one `:` at most behind its arrow, before the probability")
+    return parts[0].strip(), parts[1].strip() if len(parts) == 2 else ""
+
+
+def _split_context(text: str) -> tuple[str, str, str]:
+    """Return left context, predecessor and right context; signs in numbers do not count."""
+    parts = split_at_top(text, "<")
+    left, rest = ("", parts[0]) if len(parts) == 1 else (parts[0], "<".join(parts[1:]))
+    middle, *right = split_at_top(rest, ">")
+    return left, middle, ">".join(right)
+
+
+def _check_brackets(right: tuple[Pattern, ...]) -> None:
+    depth = 0
+    for pattern in right:
+        depth += {"[": 1, "]": -1}.get(pattern.symbol, 0)
+        if depth < 0:
+            break
+    if depth:
+        raise UsageError("the brackets of the right context do not match")
+
+
+def _bound_names(patterns: Iterable[Pattern]) -> frozenset[str]:
+    """Return the names that a head gives to numbers, which must differ."""
+    found: set[str] = set()
+    for pattern in patterns:
+        for name in pattern.names:
+            if name in found and name.isidentifier():
+                raise UsageError(f"`{name}` names two numbers of the rule's head")
+            found.add(name)
+    return frozenset(found)
+
+
+def _symbols_of(head: str) -> set[str]:
+    """Return the modules that a rule's head names; none if it cannot be read."""
+    try:
+        context = " ".join(_split_context(_LABEL.sub("", plain_digits(head)).split(":")[0]))
+        return {symbol for symbol, _ in split_modules(string_signs(context))}
+    except UsageError:
+        return set()
+
+
+def _before_comment(text: str) -> str:
+    """Return what stands before a comment where slashes mean nothing else."""
+    return text.partition("//")[0]
+
+
+def cut_comment(text: str, known: set[str]) -> tuple[str, str]:
+    """Return a string of modules without its comment, and what is in doubt about it.
+
+    In a string ``//`` are two rolls. Two slashes, no more, with a blank before or behind begin a
+    comment unless all that follows could be modules of this L-system.
+
+    Parameters
+    ----------
+    known
+        The turtle's commands, and what rules rewrite or look for.
+    """
+    for match in _SLASHES.finditer(text):
+        before, rest = text[: match.start()], text[match.end() :]
+        apart = not before or before[-1].isspace()
+        if len(match[0]) != 2 or before.count("(") > before.count(")"):
+            continue
+        if not (apart or not rest or rest[0].isspace()):
+            continue
+        if _could_be_modules(rest, known):
+            if apart and (not rest or rest[0].isspace()):
+                return text, "`//` is two rolls here; write `/ /`, or a comment on its own line"
+            continue
+        doubt = "" if apart else "`//` begins a comment here; for two rolls write `/ /`"
+        return before, doubt
+    return text, ""
+
+
+def _could_be_modules(text: str, known: set[str]) -> bool:
+    try:
+        # Numbers directly behind belong to the last slash.
+        modules = split_modules("/" + text.split(":")[0])
+        return all(s in known and all(_is_formula(a) for a in args) for s, args in modules)
+    except UsageError:
+        return False
+
+
+def _is_formula(text: str) -> bool:
+    try:
+        read_formula(number_signs(text), Draws(0))
+    except UsageError:
+        return False
+    return True
