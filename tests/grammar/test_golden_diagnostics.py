@@ -17,7 +17,7 @@ FILES = sorted(GOLDEN.glob("*.pcsg"))
 PAGE = Path(__file__).parents[2] / "docs" / "errors.md"
 
 # Raised for what is no grammar, tested below, or while a graph is walked.
-ELSEWHERE = {"file-missing", "file-too-large", "bad-species"}
+ELSEWHERE = {"file-missing", "file-too-large", "bad-species", "bad-lsystem", "odd-lsystem"}
 
 
 def check(path: Path) -> list[Diagnostic]:
