@@ -2,7 +2,8 @@
 
 numba optimizes every function with all that it calls, and makes machine code of it, before its
 callers are looked at; of a call tree that is most of the time. Here functions are only linked, and
-the outermost one is optimized with everything in it.
+the outermost one is optimized with everything in it. That takes parts of numba that are not
+promised to stay; where one is missing, numba compiles in its own way.
 """
 
 from __future__ import annotations
@@ -13,31 +14,15 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
 
-class Code(NamedTuple):
-    """A compiled kernel as it is kept.
+from pcsg.objectcode import Code, bind, flatten
 
-    Attributes
-    ----------
-    symbol
-        Its name in the object file.
-    result
-        Letters of the numbers that it returns, ``i`` or ``f``; several for a tuple.
-    is_tuple
-        Whether they are one.
-    needs_numba
-        Whether it calls what numba provides.
-    content
-        The object file.
-    """
-
-    symbol: str
-    result: str
-    is_tuple: bool
-    needs_numba: bool
-    content: bytes
+USED_OF_DISPATCHERS = ("get_call_template", "get_overload")
+"""What `jit` replaces of numba's dispatchers."""
 
 
 @cache
@@ -140,3 +125,73 @@ def _code(library: Any, symbol: str, result: str, is_tuple: bool) -> Code:
         needs_numba=not all(_is_known(name) for name in called),
         content=content,
     )
+
+
+def _plain_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Return of a kernel's options those that numba promises to know."""
+    return {name: options[name] for name in ("error_model", "fastmath") if name in options}
+
+
+def compile_in_numbas_way(function: Any, options: dict[str, Any], *, nogil: bool = False) -> Any:
+    """Return numba's dispatcher for a function, made with nothing but what numba promises."""
+    import numba
+
+    compile_with: Any = numba.njit
+    return compile_with(**_plain_options(options), nogil=nogil)(function)
+
+
+_CALLBACKS: list[Any] = []
+"""What addresses were given of: it must stay."""
+
+
+def address_in_numbas_way(signature: str, function: Any, options: dict[str, Any]) -> int:
+    """Return the address of a function that is called as one of `compile_function` is."""
+    import numba
+
+    compile_with: Any = numba.cfunc
+    result, _, rest = signature.partition("(")
+    names = ", ".join(function.__code__.co_varnames[: function.__code__.co_argcount])
+    scope = {"inner": compile_in_numbas_way(function, options)}
+    exec(f"def adapt(result, nothing, {names}):\n result[0] = inner({names})\n return 0", scope)
+    adapted = f"int32(CPointer({result}), CPointer(int8), {rest}"
+    _CALLBACKS.append(compile_with(adapted, **_plain_options(options))(scope["adapt"]))
+    return int(_CALLBACKS[-1].address)
+
+
+class _Pair(NamedTuple):
+    a: Any
+    b: float
+
+
+def _sample(pair: Any, k: int, out: Any) -> Any:
+    for i in range(len(out)):
+        out[i] = pair.a[i] + pair.b
+    return k + 1, pair.b * k
+
+
+class _Sample:
+    """A kernel to try on."""
+
+    py_func = staticmethod(_sample)
+    targetoptions = MappingProxyType(
+        {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "forceinline": False}
+    )
+
+
+@cache
+def is_linkable() -> bool:
+    """Return whether numba has all that is used here, as it is used: tried on a small kernel."""
+    from numba.core.dispatcher import Dispatcher
+
+    args = (_Pair(np.arange(3.0), 0.5), 7, np.zeros(3))
+    kinds: list[Any] = []
+    words: list[Any] = []
+    for value in args:
+        flatten(value, kinds, words)
+    try:
+        answer = bind("sample", compile_kernel(_Sample, args), args)(*words)
+    except Exception:
+        # Whatever it is that is missing: there is another way.
+        return False
+    is_right = answer == (8, 3.5) and args[2].tolist() == [0.5, 1.5, 2.5]
+    return is_right and all(hasattr(Dispatcher, name) for name in USED_OF_DISPATCHERS)

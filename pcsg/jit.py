@@ -9,58 +9,22 @@ and not before: that takes longer than many a picture.
 from __future__ import annotations
 
 import dis
-import hashlib
 import linecache
 import types
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property, update_wrapper
 from typing import Any, TypeVar, overload
 
-import numpy as np
-
-from pcsg.machine import Entry, cache_folder, compiler, load_function
+from pcsg.compilation import compile_in_numbas_way, is_linkable
+from pcsg.fingerprint import fingerprint
+from pcsg.machine import Entry, is_kept, load_function
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def fingerprint(kernel: Any) -> str:
-    """Return a hash of the code and the constants that are compiled into a kernel."""
-    digest = hashlib.sha256(compiler().encode())
-    todo: list[Any] = [kernel]
-    seen: set[int] = set()
-    while todo:
-        item = todo.pop()
-        if id(item) in seen:
-            continue
-        seen.add(id(item))
-        digest.update(repr(getattr(item, "targetoptions", "")).encode())
-        function: types.FunctionType = getattr(item, "py_func", getattr(item, "_defn", item))
-        codes = [function.__code__]
-        names: list[str] = []
-        while codes:
-            code = codes.pop()
-            digest.update(code.co_code)
-            names += code.co_names
-            for constant in code.co_consts:
-                if isinstance(constant, types.CodeType):
-                    codes.append(constant)
-                elif not isinstance(constant, str):
-                    digest.update(repr(constant).encode())
-        for name in names:
-            value = function.__globals__.get(name)
-            digest.update(name.encode())
-            if hasattr(value, "py_func") or hasattr(value, "_defn"):
-                todo.append(value)
-            elif isinstance(value, type):
-                digest.update(repr(getattr(value, "__annotations__", value.__name__)).encode())
-            elif isinstance(value, (bool, int, float, str, tuple, np.generic)):
-                digest.update(repr(value).encode())
-    return digest.hexdigest()[:16]
-
-
 def is_cached(entry: Any) -> bool:
     """Return whether an entry has been compiled before, so that it will start at once."""
-    return any(cache_folder(entry.fingerprint).glob("*.code"))
+    return is_kept(entry.fingerprint)
 
 
 def _make_inner(function: Callable[..., Any], options: dict[str, Any]) -> Any:
@@ -69,6 +33,8 @@ def _make_inner(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     These calls go to a second dispatcher without the wrapper that Python needs, and calls with
     constants share one version with calls of any value. Together that halves the time to compile.
     """
+    if not is_linkable():
+        return compile_in_numbas_way(function, options)
     import numba
 
     unliteral: Any = numba.core.types.unliteral
@@ -112,8 +78,8 @@ class Kernel:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of the code and the constants that are compiled into it."""
-        return fingerprint(self)
+        """Digest of all that its machine code depends on."""
+        return fingerprint(self).digest
 
     @cached_property
     def dispatcher(self) -> Any:
@@ -194,7 +160,7 @@ def function_address(signature: str, function: Callable[..., Any]) -> int:
         "fastmath": {"contract"},
         "no_cfunc_wrapper": True,
     }
-    return load_function(fingerprint(function), signature, function, options)
+    return load_function(fingerprint(function).digest, signature, function, options)
 
 
 @cache

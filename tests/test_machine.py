@@ -6,15 +6,17 @@ import math
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
-from pcsg import machine
+from pcsg.codecache import opened, unpack
 from pcsg.jit import is_cached, njit
-from pcsg.machine import Entry, flatten
+from pcsg.machine import Entry, compiling_notice
+from pcsg.objectcode import describe_kinds, flatten
 
 
 class Pair(NamedTuple):
@@ -28,12 +30,6 @@ def _mix(pair: Any, x: float, k: int, flag: bool, nothing: None, out: Any) -> An
     if nothing is not None or flag:
         return k, x
     return -k, -x
-
-
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(machine, "cache_folder", lambda name: tmp_path)
-    return tmp_path
 
 
 def arguments(rows: Any = None) -> tuple[Any, ...]:
@@ -50,41 +46,92 @@ def fresh() -> Any:
     return njit(entry=True)(_mix)
 
 
-def test_loaded_code_answers_as_compiled_code_does(folder: Path) -> None:
+def test_loaded_code_answers_as_compiled_code_does(kernel_folder: Path) -> None:
     for kernel in (fresh(), fresh()):
         args = arguments()
         answer, out = expected(args)
         assert kernel(*args) == answer
         np.testing.assert_array_equal(args[5], out)
-        assert len(list(folder.glob("*.code"))) == 1
+        assert len(list(kernel_folder.glob("*.code"))) == 1
 
 
-def test_arrays_of_other_layouts_get_code_of_their_own(folder: Path) -> None:
+def test_arrays_of_other_layouts_get_code_of_their_own(kernel_folder: Path) -> None:
     kernel = fresh()
     for rows in (np.arange(6.0).reshape(2, 3).T, np.arange(12.0).reshape(6, 2)[::2]):
         args = arguments(rows)
         kernel(*args)
         np.testing.assert_array_equal(args[5], expected(args)[1])
-    assert len(list(folder.glob("*.code"))) == 2
+    assert len(list(kernel_folder.glob("*.code"))) == 2
 
 
-@pytest.mark.parametrize("damage", [b"", b"no json", b"cut"])
-def test_damaged_code_is_compiled_again(folder: Path, damage: bytes) -> None:
+def damages() -> dict[str, Callable[[bytes], bytes]]:
+    def flipped(at: int) -> Callable[[bytes], bytes]:
+        return lambda data: data[:at] + bytes([data[at] ^ 4]) + data[at + 1 :]
+
+    return {
+        "nothing": lambda data: b"",
+        "other text": lambda data: b"no kernel\n",
+        "cut": lambda data: data[:-7],
+        "longer": lambda data: data + b"x",
+        "kind of file": flipped(3),
+        "digest": flipped(20),
+        "length of the head": flipped(49),
+        "name of the symbol": flipped(70),
+        "machine code": flipped(900),
+        "last byte": lambda data: data[:-1] + bytes([data[-1] ^ 1]),
+    }
+
+
+@pytest.mark.parametrize("damage", damages())
+def test_damaged_code_is_compiled_again_and_replaced(kernel_folder: Path, damage: str) -> None:
     fresh()(*arguments())
-    (path,) = folder.glob("*.code")
-    path.write_bytes(path.read_bytes()[:-7] if damage == b"cut" else damage)
+    (path,) = kernel_folder.glob("*.code")
+    whole = path.read_bytes()
+    path.write_bytes(damages()[damage](whole))
     args = arguments()
     fresh()(*args)
     np.testing.assert_array_equal(args[5], expected(args)[1])
-    assert machine._read(path) is not None
+    assert unpack(path.name, path.read_bytes()) is not None
 
 
-def test_a_folder_that_cannot_be_written_does_no_harm(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_where_nothing_can_be_kept_kernels_run_all_the_same(
+    tmp_path: Path, kernel_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(machine, "cache_folder", lambda name: tmp_path / "nowhere")
+    (tmp_path / "cache").write_text("a file")
+    opened.cache_clear()
     args = arguments()
     assert fresh()(*args) == expected(args)[0]
+    assert not is_cached(fresh())
+    notice = compiling_notice("a moment")
+    assert "at every run" in notice
+    assert "PCSG_CACHE" in notice
+    assert str(kernel_folder) in notice
+
+
+def test_code_is_said_to_be_kept_where_it_is(kernel_folder: Path) -> None:
+    assert not is_cached(fresh())
+    assert "kept for later runs" in compiling_notice("a moment")
+    fresh()(*arguments())
+    assert is_cached(fresh())
+
+
+class Turned(NamedTuple):
+    b: Any
+    a: Any
+
+
+def test_tuples_of_other_fields_are_other_types() -> None:
+    told = []
+    for kind in (Pair, Turned, Turned):
+        kinds: list[Any] = []
+        flatten(kind(1, 2.0), kinds, [])
+        told.append(describe_kinds(kinds))
+    assert told[0] != told[1] == told[2]
+    Turned.__qualname__, before = Pair.__qualname__, Turned.__qualname__
+    try:
+        assert describe_kinds([Turned, 2, "i", "f"]) != told[0]
+    finally:
+        Turned.__qualname__ = before
 
 
 def test_types_that_kernels_do_not_take_are_named() -> None:
@@ -96,7 +143,7 @@ def test_numbers_keep_their_kinds() -> None:
     kinds: list[Any] = []
     words: list[Any] = []
     flatten((True, 3, np.float64(2.5), np.uint64(1 << 63), None), kinds, words)
-    assert kinds[2:] == ["b", "i", "f", "u", "none"]
+    assert kinds == [tuple, 5, "b", "i", "f", "u", "none"]
     assert words == [True, 3, 2.5, 1 << 63, 0]
 
 
@@ -133,16 +180,11 @@ def _square(x: float) -> float:
 
 
 def test_what_was_linked_into_a_kernel_is_still_a_function(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kernel_folder: Path,
 ) -> None:
     import numba
     from numba.core.registry import cpu_target
 
-    def folder_of(name: str) -> Path:
-        (tmp_path / name).mkdir(exist_ok=True)
-        return tmp_path / name
-
-    monkeypatch.setattr(machine, "cache_folder", folder_of)
     square = njit(_square)
 
     def outer(x: float) -> float:
@@ -162,3 +204,106 @@ def test_what_was_linked_into_a_kernel_is_still_a_function(
     assert cpu_target.target_context.codegen()._library_class is before
     assert square(3.0) == 9.0
     assert numba.njit(other)(3.0) == 8.0
+
+
+_ALONE = """
+import sys
+import numpy as np
+from pcsg.jit import njit
+
+@njit(entry=True)
+def double(x, out):
+    for i in range(len(out)):
+        out[i] = 2.0 * x
+    return x + 1.0, 3
+
+out = np.zeros(2)
+print(double(4.0, out), *out, 'numba' in sys.modules)
+"""
+
+
+def run_alone(text: str, *flags: str, **env: str) -> subprocess.Popen[str]:
+    """Start a process of its own that runs a script from a file."""
+    line = [sys.executable, *flags, "-c", text]
+    return subprocess.Popen(
+        line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, **env}
+    )
+
+
+def said(process: subprocess.Popen[str]) -> str:
+    out, err = process.communicate(timeout=300)
+    assert (process.returncode, err) == (0, "")
+    return out
+
+
+def test_of_many_processes_one_compiles(tmp_path: Path) -> None:
+    started = [run_alone(_ALONE, PCSG_CACHE=str(tmp_path)) for _ in range(4)]
+    assert sorted(said(p) for p in started) == ["(5.0, 3) 8.0 8.0 False\n"] * 3 + [
+        "(5.0, 3) 8.0 8.0 True\n"
+    ]
+    assert {path.suffix for path in (tmp_path / "kernels").iterdir()} == {".code", ""}
+
+
+def test_a_process_without_a_cache_leaves_no_folder_behind(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "tmp").mkdir()
+    place = {"PCSG_CACHE": str(tmp_path / "file"), "TMPDIR": str(tmp_path / "tmp")}
+    assert said(run_alone(_ALONE, **place)) == "(5.0, 3) 8.0 8.0 True\n"
+    assert not list((tmp_path / "tmp").iterdir())
+
+
+_MISSING = """
+import numba.core.codegen
+{spoil}
+from pcsg import compilation
+from pcsg.jit import function_address, njit
+import ctypes
+import numpy as np
+
+def square(x):
+    return x * x
+
+inner = njit(square)
+
+@njit(entry=True)
+def outer(x, out):
+    out[0] = inner(x)
+    return x + 1.0, 3
+
+out = np.zeros(1)
+print(compilation.is_linkable(), outer(4.0, out), *out)
+
+def add(k, x):
+    return k + np.int64(x)
+
+address = function_address("int64(int64, float64)", add)
+result = ctypes.c_int64()
+call = ctypes.CFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 2, ctypes.c_int64, ctypes.c_double)
+print(call(address)(ctypes.addressof(result), None, 40, 2.5), result.value)
+"""
+
+
+@pytest.mark.parametrize(
+    ("spoil", "linkable"),
+    [
+        ("", True),
+        ("del numba.core.codegen.JITCodeLibrary", False),
+        ("import numba.core.cpu\ndel numba.core.cpu._options_mixin._nrt", False),
+    ],
+)
+def test_where_numba_is_another_it_compiles_in_its_own_way(
+    tmp_path: Path, spoil: str, linkable: bool
+) -> None:
+    script = tmp_path / "script.py"
+    # numba reads the source of what it compiles.
+    script.write_text(_MISSING.format(spoil=spoil))
+    told = said(
+        run_alone(f"import runpy; runpy.run_path({str(script)!r})", PCSG_CACHE=str(tmp_path))
+    )
+    assert told.splitlines() == [f"{linkable} (5.0, 3) 16.0", "0 42"]
+    assert bool(list((tmp_path / "kernels").glob("*.code"))) is linkable
+
+
+def test_pcsg_works_without_docstrings() -> None:
+    text = "import pcsg; print(pcsg.loads('rotx(30) uscale(abs(-2)) sphere').bounds.max() >= 2)"
+    assert said(run_alone(text, "-OO")) == "True\n"

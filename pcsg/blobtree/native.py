@@ -27,6 +27,7 @@ from pcsg.blobtree.layout import (
     Work,
     find_tables,
     list_length,
+    wide,
 )
 from pcsg.blobtree.points import describe, gradient_at, value_at
 from pcsg.blobtree.trace import ALL, FULL, shoot
@@ -191,6 +192,17 @@ _SIGNATURE = f"int64(int64, int64, {_REALS}, {_POOL}, CPointer(float64), int64, 
 def address() -> int:
     """Return where `answer` is; compiled on the first call, or loaded."""
     return function_address(_SIGNATURE, answer)
+
+
+def split_address(where: int) -> NDArray[np.int32]:
+    """Return an address as two integers, as models hold it: the upper half comes last."""
+    return np.array([where], "<u8").view("<i4").astype(np.int32)
+
+
+@njit
+def join_address(lower: int, upper: int) -> int:
+    """Return the address that was split."""
+    return (wide(upper) << 32) | (wide(lower) & 0xFFFFFFFF)
 
 
 def _call(

@@ -100,6 +100,7 @@ class Output:
 def run_mesh(given: Input, wanted: Output) -> None:
     """Build a surface and write it."""
     from pcsg.jit import is_cached
+    from pcsg.machine import compiling_notice
     from pcsg.outputs import check_output, write_whole
     from pcsg.treemesh import SurfaceOptions, restore_offsets, tree_surface
     from pcsg.treemesh.files import WRITERS, report_text
@@ -124,7 +125,7 @@ def run_mesh(given: Input, wanted: Output) -> None:
         locality=wanted.locality,  # type: ignore[arg-type]  # likewise
     )
     if not (wanted.quiet or is_cached(project_range)):
-        say("compiling kernels, once per installation: some ten seconds")
+        say(compiling_notice("some ten seconds"))
     skel, notes = open_skeleton(given)
     surf = tree_surface(extend_foot(skel) if wanted.foot else skel, options)
     if wanted.offsets:

@@ -163,9 +163,10 @@ def _options(arguments: RenderArguments) -> Options:
 def _announce_compilation(scene: Scene) -> None:
     """Say that the first picture after an installation takes its time."""
     from pcsg.jit import is_cached
+    from pcsg.machine import compiling_notice
 
     if not is_cached(scene.tracer.kernel):
-        say("compiling kernels, once per installation: about half a minute")
+        say(compiling_notice("about half a minute"))
 
 
 def _save(job: Job, output: Path, layers: Sequence[str], arguments: RenderArguments) -> list[Path]:

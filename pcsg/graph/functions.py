@@ -70,7 +70,7 @@ def _register(
         kernel = njit(plain)
         key = name or plain.__name__.strip("_")
         count = {Form.UNARY: 1, Form.BINARY: 2}.get(form, 3)
-        summary = (plain.__doc__ or "").strip().splitlines()[0]
+        summary = (plain.__doc__ or "").strip().partition("\n")[0]
         FUNCTIONS[key] = Function(key, form, arity or (count, count), kernel, summary)
         return kernel
 

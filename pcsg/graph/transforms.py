@@ -54,7 +54,7 @@ def transform_named(name: str) -> Transform:
 def _transform(plain: Callable[..., Affine]) -> Any:
     kernel = njit(plain)
     parameters = tuple(inspect.signature(plain).parameters)
-    summary = (plain.__doc__ or "").strip().splitlines()[0]
+    summary = (plain.__doc__ or "").strip().partition("\n")[0]
     name = plain.__name__
     TRANSFORMS[name] = Transform(name, len(TRANSFORMS), parameters, kernel, summary)
     return kernel

@@ -22,7 +22,9 @@ from pcsg.blobtree.native import (
     INTERVALS,
     address,
     ask,
+    join_address,
     reserve_floats,
+    split_address,
 )
 from pcsg.blobtree.points import ATTRIBUTE_COLUMNS, BOUND, LABEL, OTHERS, U, V
 from pcsg.errors import UsageError
@@ -68,10 +70,12 @@ class BlobModel(Model):
 
     @cached_property
     def data(self) -> Data:
-        """The address of the compiled kernels, the darkening, and the arrays."""
+        """The darkening before the numbers, the address of who answers before the integers."""
         doubles, singles, integers = self.fields.pool
         return Data(
-            np.concatenate([[float(address()), self.darkening], doubles]), singles, integers
+            np.concatenate([[self.darkening], doubles]),
+            singles,
+            np.concatenate([split_address(address()), integers]),
         )
 
 
@@ -244,9 +248,10 @@ def ask_blob(
     n: int,
     limit: int,
 ) -> int:
-    """Ask the model of a leaf; its first number is the address of who answers."""
+    """Ask the model of a leaf; its first integers are the address of who answers."""
     f, s, i = wide(args[at]), wide(args[at + 1]), wide(args[at + 2])
-    return ask(wide(pool[0][f]), asked, want, ray, pool, f + 2, s, i, out, n, limit)
+    where = join_address(pool[2][i], pool[2][i + 1])
+    return ask(where, asked, want, ray, pool, f + 1, s, i + 2, out, n, limit)
 
 
 @leaf
@@ -353,7 +358,7 @@ class Blob(Solid):
             if math.isnan(out[k]):
                 out[k] = -1.0
         # The share of bounds: bark is darker on ridges and scars.
-        light = 1.0 - pool[0][wide(args[at]) + 1] * out[BOUND]
+        light = 1.0 - pool[0][wide(args[at])] * out[BOUND]
         return light * out[0], light * out[1], light * out[2], out[LABEL]
 
 
