@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pcsg import arguments
 from pcsg.errors import GrammarError, UsageError
 from pcsg.graph.binding import make_recipes
 from pcsg.graph.bounds import HyperBoxes, hyper_boxes
@@ -73,8 +74,8 @@ def load(
     """
     from pcsg.grammar import load_file
 
-    graph = load_file(path, include=include)
-    values = {**(parameters or {}), **more}
+    graph = load_file(arguments.path(path, "path"), include=_folders(include))
+    values = {**arguments.numbers(parameters, "parameters"), **more}
     return Scene(
         graph,
         values,
@@ -99,8 +100,8 @@ def loads(
     """Return the scene of a grammar in a string; arguments as for `load`."""
     from pcsg.grammar import load_text
 
-    graph = load_text(text, name=name)
-    values = {**(parameters or {}), **more}
+    graph = load_text(arguments.text(text, "text"), name=arguments.text(name, "name"))
+    values = {**arguments.numbers(parameters, "parameters"), **more}
     return Scene(
         graph,
         values,
@@ -151,11 +152,14 @@ class Scene:
         block_memory: int | None = None,
     ) -> None:
         graph = solid if isinstance(solid, Graph) else Graph(as_node(solid))
-        given = dict(parameters or {})
-        values: dict[str, float] = {}
-        for name in ("SEED", "TIME"):
-            if name in given:
-                values[name] = float(given.pop(name))
+        given = arguments.numbers(parameters, "parameters")
+        values: dict[str, float] = {n: given.pop(n) for n in ("SEED", "TIME") if n in given}
+        if not isinstance(engine, str) or engine not in get_args(Engine):
+            known = ", ".join(get_args(Engine))
+            raise UsageError(f"unknown engine {arguments.shown(engine)}; one of {known}")
+        self._threads = None if threads is None else arguments.whole(threads, "threads", 1)
+        self._max_memory = _bytes(max_memory, "max_memory")
+        self._block_memory = _bytes(block_memory, "block_memory")
         self.graph = graph.override(given)
         errors = [d for d in check_graph(self.graph) if d.severity == "error"]
         if errors:
@@ -166,8 +170,6 @@ class Scene:
         faults = self.states.diagnostics
         if faults:
             raise GrammarError(faults)
-        if engine not in get_args(Engine):
-            raise UsageError(f"unknown engine `{engine}`; one of {', '.join(get_args(Engine))}")
         self._recipes: Recipes | None = None
         unrolled = engine != "cyclic" and self._unroll()
         if engine == "states" and not unrolled:
@@ -178,9 +180,6 @@ class Scene:
         self._asked = engine
         self.engine = "states" if unrolled else "cyclic"
         """The engine in use."""
-        self._threads = threads
-        self._max_memory = max_memory
-        self._block_memory = block_memory
 
     def _unroll(self) -> bool:
         """Find how the engine of states can have its states; return whether it can."""
@@ -280,6 +279,7 @@ class Scene:
         from pcsg.graph.leaves import placed_leaves
         from pcsg.treemesh.segments import Segments, skeleton_of_segments
 
+        arguments.whole(limit, "limit", 1)
         states = self.states
         if not states.finite:
             states = enumerate_states(self.graph, self.values, limit)
@@ -404,3 +404,12 @@ class Scene:
 
 def _make_scene(graph: Graph, values: dict[str, float], limits: dict[str, Any]) -> Scene:
     return Scene(graph, values, **limits)
+
+
+def _bytes(value: int | None, name: str) -> int | None:
+    return None if value is None else arguments.whole(value, name, 0)
+
+
+def _folders(include: Sequence[str | Path]) -> list[Path]:
+    folders = arguments.listed(include, "include", "folders")
+    return [arguments.path(folder, "a folder of include") for folder in folders]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 from pcsg.commands.guard import say
 from pcsg.commands.options import parse_memory, parse_number, parse_setting, parse_size
 from pcsg.errors import UsageError
+from pcsg.graph.words import is_name
 
 if TYPE_CHECKING:
     from pcsg.render.animation import Frames, Range
@@ -125,7 +126,7 @@ def parse_ranges(texts: Sequence[str]) -> dict[str, Range]:
     found = {}
     for text in texts:
         name, sign, value = text.partition("=")
-        if not sign or not re.fullmatch(r"\s*[A-Za-z_][A-Za-z0-9_]*\s*", name):
+        if not sign or not is_name(name.strip()):
             raise UsageError(f"-D takes NAME=VALUE or NAME=FIRST..LAST, not `{text}`")
         found[name.strip()] = parse_range(value, f"-D {name.strip()}=")
     return found

@@ -9,6 +9,7 @@ from typing import Any
 
 from pcsg.errors import UsageError, suggest
 from pcsg.graph.settings import SETTINGS, Key, ValueKind
+from pcsg.graph.words import is_name
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -58,7 +59,7 @@ def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
     for text in texts:
         name, sign, value = text.partition("=")
         name = name.strip()
-        if not sign or not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+        if not sign or not is_name(name):
             raise UsageError(f"-D takes NAME=VALUE, such as cnt=9, not `{text}`")
         values[name] = parse_number(value.strip(), f"-D {name}=")
     return values

@@ -186,7 +186,7 @@ def check_numbers(exprs: Iterable[Expr]) -> list[Diagnostic]:
 def _check_function(expr: Apply) -> list[Diagnostic]:
     function = FUNCTIONS.get(expr.function)
     written = expr.span is not None and expr.function.isidentifier()
-    if not written or expr.function in ("and", "or", "not", "neg"):
+    if not written or expr.function in ("and", "or", "not"):
         return []  # an operator
     if function is None:
         message = f"unknown function `{expr.function}`"

@@ -9,8 +9,7 @@ from pcsg.errors import Diagnostic, suggest
 from pcsg.grammar.check import check_numbers, unknown_reference
 from pcsg.grammar.names import Names
 from pcsg.grammar.syntax import Name, SettingItem, Value
-from pcsg.graph.expr import Expr, Number, Parameter, functions_of
-from pcsg.graph.functions import FUNCTIONS, Form
+from pcsg.graph.expr import Expr, Number, Parameter, asks_world
 from pcsg.graph.settings import SETTINGS, Key, Setting, SettingKind, ValueKind
 
 _VECTORS = (ValueKind.VECTOR, ValueKind.COLOR)
@@ -118,8 +117,7 @@ def _build_value(
     elif len(value.numbers) == (3 if kind in _VECTORS else 1):
         found = check_numbers(value.numbers)
         problems += found
-        known = {f for f in functions_of(*value.numbers) if f in FUNCTIONS}
-        if any(FUNCTIONS[f].form is Form.WORLD for f in known):
+        if asks_world(*value.numbers):
             message = "settings have no local frame to ask for"
             problems.append(diagnose("bad-value", message, value.span))
         return None if found else value.numbers

@@ -14,6 +14,7 @@ from pcsg.errors import Diagnostic, Source, SourceSpan
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.operators import OPERATORS
 from pcsg.graph.transforms import TRANSFORMS
+from pcsg.graph.words import MARKS, WORD, normal
 from pcsg.growth import leaf as _growing_trees  # noqa: F401 -- registers its words
 from pcsg.leaf import LEAF_NAMES
 
@@ -122,7 +123,9 @@ _PATTERN = re.compile(
     | (?P<BLANK>[ \t\r\f\v]+)
     | (?P<COMMENT>//[^\n]* | /\*[\s\S]*?\*/)
     | (?P<OPEN_COMMENT>/\*)
-    | (?P<WORD>[A-Za-z_][A-Za-z0-9_]*)
+    | (?P<WORD>"""
+    + WORD
+    + r""")
     | (?P<NUMBER>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
     | (?P<STRING>"[^"\n]*")
     | (?P<OPEN_STRING>"[^"\n]*)
@@ -133,10 +136,7 @@ _PATTERN = re.compile(
     """,
     re.VERBOSE,
 )
-WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-"""What can be a name."""
-
-_WORD_TAIL = re.compile(r"[A-Za-z0-9_.]+")
+_WORD_TAIL = re.compile(rf"(?:[\w.]|[{MARKS}])+")
 
 _LOOKALIKES = {
     "\u2212": "-",
@@ -198,7 +198,14 @@ def tokenize(source: Source) -> tuple[list[Token], list[Diagnostic]]:
         if start < after:  # the tail of a bad number
             continue
         if kind == "WORD":
+            text = normal(text)
             kind, text = reserved.get(text, ("NAME", text))
+            if not text.isidentifier():  # superscripts and the like count as letters there
+                bad = next(
+                    k for k in range(start, end) if not ("a" + source.text[k]).isidentifier()
+                )
+                problems.append(_stray(source, bad, bad + 1))
+                kind = "STRAY"
         elif kind == "SYMBOL":
             kind, text = _SYMBOLS[text]
         elif kind == "NUMBER":

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, overload
 
+from pcsg.arguments import text
 from pcsg.errors import UsageError
 from pcsg.graph.attributes import ATTRIBUTES, AttributeKind
 from pcsg.graph.expr import Expr, as_expr
@@ -77,7 +78,9 @@ def S(  # noqa: N802 -- the paper's name of a selection node
     name: str, select: Argument | None = None
 ) -> Selection:
     """Return a module with its selection function; add rules with ``.rule(number, solid)``."""
-    return Selection(name, None if select is None else as_expr(select))
+    return Selection(
+        text(name, "the name of a module"), None if select is None else as_expr(select)
+    )
 
 
 def C(**assignments: Argument) -> Prefix:  # noqa: N802 -- the paper's name of a calculation node
@@ -89,6 +92,7 @@ def C(**assignments: Argument) -> Prefix:  # noqa: N802 -- the paper's name of a
 def define(name: str, solid: Combinable) -> Node:
     """Name an expression, so that text shows it as a definition of that name."""
     node = as_node(solid)
+    text(name, "the name of an expression")
     if isinstance(node, Selection):
         raise UsageError(f"`{node.name}` is a module and has its name already")
     node.definition = name

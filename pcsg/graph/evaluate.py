@@ -106,8 +106,9 @@ def _evaluate(expr: Expr, known: Mapping[str, float]) -> float:
 
 def unit(direction: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return the unit vector of a direction, +z for zero."""
-    length = math.hypot(*direction)
-    if length == 0.0:
+    largest = max(map(abs, direction))
+    if largest == 0.0:
         return (0.0, 0.0, 1.0)
-    x, y, z = direction
+    x, y, z = (c / largest for c in direction)
+    length = math.hypot(x, y, z)
     return (x / length, y / length, z / length)

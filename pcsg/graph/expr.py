@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+from pcsg.arguments import real, shown, whole
 from pcsg.errors import SourceSpan, UsageError
 from pcsg.graph.flat import Flattened
-from pcsg.graph.functions import FUNCTIONS
+from pcsg.graph.functions import FUNCTIONS, Form
 
 Number_ = float | int
 T = TypeVar("T")
@@ -132,12 +133,7 @@ def as_expr(value: Expr | Number_) -> Expr:
     """Return an expression for a number or an expression."""
     if isinstance(value, Expr):
         return value
-    if isinstance(value, (int, float)):
-        return Number(float(value))
-    try:
-        return Number(float(value))
-    except (TypeError, ValueError):
-        raise UsageError(f"expected a number or an expression, not {value!r}") from None
+    return Number(real(value, "an argument of a solid or of a function"))
 
 
 def apply(name: str, *args: Expr | Number_, seeds: int = 0) -> Apply:
@@ -185,8 +181,12 @@ def not_(a: Expr | Number_) -> Expr:
 
 def call(name: str, *args: Expr | Number_, seeds: int = 0) -> Expr:
     """Return a call of any function of the language, such as ``call("rand", P.c, 7)``."""
-    if name not in FUNCTIONS:
-        raise UsageError(f"unknown function `{name}`")
+    if not isinstance(name, str) or name not in FUNCTIONS:
+        raise UsageError(f"unknown function {shown(name)}")
+    if name == "choose":
+        whole(seeds, "seeds", 1, max(1, len(args) - 1))
+    elif seeds != 0:
+        raise UsageError(f"`{name}` takes no seeds")
     return apply(name, *args, seeds=seeds)
 
 
@@ -220,6 +220,15 @@ def parameters_of(*exprs: Expr) -> set[str]:
 def functions_of(*exprs: Expr) -> set[str]:
     """Return the names of all functions that expressions call."""
     return {e.function for x in exprs for e in postorder(x, operands) if isinstance(e, Apply)}
+
+
+def asks_world(*exprs: Expr) -> bool:
+    """Return whether expressions ask for world coordinates.
+
+    A function that nobody knows does not: it was reported before.
+    """
+    known = (FUNCTIONS[f] for f in functions_of(*exprs) if f in FUNCTIONS)
+    return any(function.form is Form.WORLD for function in known)
 
 
 def signature(expr: Expr) -> tuple[object, ...]:

@@ -10,11 +10,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
+from pcsg.arguments import shown
 from pcsg.errors import UsageError, suggest
 from pcsg.graph.attributes import ATTRIBUTE_SLOTS
-from pcsg.graph.expr import Expr, as_expr, functions_of, signature
+from pcsg.graph.expr import Expr, as_expr, asks_world, signature
 from pcsg.graph.flat import Flat, flatten, restore
-from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.nodes import (
     Attribute,
     Calculation,
@@ -25,6 +25,7 @@ from pcsg.graph.nodes import (
     Transformation,
 )
 from pcsg.graph.settings import Setting
+from pcsg.graph.words import normal
 
 GLOBALS: dict[str, float] = {
     "SEED": 0.0,
@@ -51,6 +52,8 @@ class Graph:
     """
 
     def __init__(self, root: Node, settings: Sequence[Setting] = ()) -> None:
+        if not isinstance(root, Node):
+            raise UsageError(f"the axiom is a node, not {shown(root)}")
         self.root = root
         self.settings = tuple(settings)
 
@@ -97,7 +100,7 @@ class Graph:
     def uses_frame(self) -> bool:
         """Whether any expression asks for world coordinates."""
         exprs = [e for node in self.nodes for e in expressions(node)]
-        return any(FUNCTIONS[f].form is Form.WORLD for f in functions_of(*exprs))
+        return asks_world(*exprs)
 
     @cached_property
     def slots(self) -> Mapping[str, int]:
@@ -137,6 +140,7 @@ class Graph:
         """
         if not values:
             return self
+        values = {normal(name): value for name, value in values.items()}
         block = self.axiom_block
         names = dict.fromkeys(name for name, _ in block.assignments) if block else {}
         for name in values:

@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from pathlib import Path
+from typing import Any, TypedDict
 
-from pcsg.errors import SourceSpan
+from pcsg.errors import SourceSpan, UsageError, suggest
 from pcsg.graph.expr import Expr
 
 
@@ -81,6 +82,22 @@ def setting_named(name: str) -> SettingKind:
     return SETTINGS[name]
 
 
+FAR = 1e30
+"""Farthest that places of a setting may be from the origin; pictures square lengths."""
+
+BRIGHT = 1e9
+"""Largest strength of light; pictures add up light in single precision."""
+
+
+class _Range(TypedDict):
+    low: float
+    high: float
+
+
+_FAR = _Range(low=-FAR, high=FAR)
+_COLORS = _Range(low=0.0, high=1e6)
+_TURNS = _Range(low=-1e9, high=1e9)
+
 _N, _V, _C = ValueKind.NUMBER, ValueKind.VECTOR, ValueKind.COLOR
 
 SETTINGS = {
@@ -90,21 +107,25 @@ SETTINGS = {
             "camera",
             "Where the picture is taken from.",
             {
-                "eye": Key(_V, None, "place of the camera; automatic: three quarters view"),
-                "target": Key(_V, None, "the point looked at; automatic: centre of the bounds"),
-                "up": Key(_V, (0.0, 0.0, 1.0), "direction that is up in the picture"),
+                "eye": Key(_V, None, "place of the camera; automatic: three quarters view", **_FAR),
+                "target": Key(
+                    _V, None, "the point looked at; automatic: centre of the bounds", **_FAR
+                ),
+                "up": Key(_V, (0.0, 0.0, 1.0), "direction that is up in the picture", **_FAR),
                 "fov": Key(_N, 35.0, "vertical angle of view in degrees", low=0.01, high=179.0),
-                "aperture": Key(_N, 0.0, "diameter of the lens", low=0.0),
-                "focus": Key(_N, None, "distance in focus; automatic: that of the target", low=0.0),
+                "aperture": Key(_N, 0.0, "diameter of the lens", low=0.0, high=FAR),
+                "focus": Key(
+                    _N, None, "distance in focus; automatic: that of the target", low=0.0, high=FAR
+                ),
             },
         ),
         SettingKind(
             "sun",
             "Light from a direction.",
             {
-                "direction": Key(_V, (0.4, -0.6, 0.7), "towards the sun"),
-                "color": Key(_C, (1.0, 0.96, 0.9), "its colour"),
-                "strength": Key(_N, 3.0, "its brightness", low=0.0),
+                "direction": Key(_V, (0.4, -0.6, 0.7), "towards the sun", **_FAR),
+                "color": Key(_C, (1.0, 0.96, 0.9), "its colour", **_COLORS),
+                "strength": Key(_N, 3.0, "its brightness", low=0.0, high=BRIGHT),
                 "angle": Key(_N, 0.53, "its full diameter in degrees", low=0.0, high=180.0),
             },
         ),
@@ -112,10 +133,10 @@ SETTINGS = {
             "light",
             "A light at a point.",
             {
-                "position": Key(_V, (0.0, 0.0, 10.0), "where it is"),
-                "color": Key(_C, (1.0, 1.0, 1.0), "its colour"),
-                "strength": Key(_N, 1.0, "its power", low=0.0),
-                "radius": Key(_N, 0.0, "its size", low=0.0),
+                "position": Key(_V, (0.0, 0.0, 10.0), "where it is", **_FAR),
+                "color": Key(_C, (1.0, 1.0, 1.0), "its colour", **_COLORS),
+                "strength": Key(_N, 1.0, "its power", low=0.0, high=BRIGHT),
+                "radius": Key(_N, 0.0, "its size", low=0.0, high=FAR),
             },
             several=True,
         ),
@@ -129,19 +150,19 @@ SETTINGS = {
                     "which model",
                     words=("gradient", "physical", "image", "none"),
                 ),
-                "zenith": Key(_C, (0.14, 0.25, 0.44), "colour overhead"),
-                "horizon": Key(_C, (0.52, 0.60, 0.68), "colour at the horizon"),
+                "zenith": Key(_C, (0.14, 0.25, 0.44), "colour overhead", **_COLORS),
+                "horizon": Key(_C, (0.52, 0.60, 0.68), "colour at the horizon", **_COLORS),
                 "file": Key(ValueKind.TEXT, None, "picture of kind image: .hdr, .exr or .png"),
-                "strength": Key(_N, 1.0, "its brightness", low=0.0),
+                "strength": Key(_N, 1.0, "its brightness", low=0.0, high=BRIGHT),
                 "turbidity": Key(_N, 3.0, "haze of kind physical", low=1.7, high=10.0),
-                "turn": Key(_N, 0.0, "degrees by which a picture is turned about z"),
+                "turn": Key(_N, 0.0, "degrees by which a picture is turned about z", **_TURNS),
             },
         ),
         SettingKind(
             "ground",
             "An infinite plane.",
             {
-                "z": Key(_N, None, "its height; automatic: just below the bounds"),
+                "z": Key(_N, None, "its height; automatic: just below the bounds", **_FAR),
                 "material": Key(ValueKind.NAME, None, "its material", refers_to="material"),
             },
         ),
@@ -149,14 +170,14 @@ SETTINGS = {
             "material",
             "How a surface reflects light.",
             {
-                "color": Key(_C, (0.7, 0.7, 0.7), "base colour"),
+                "color": Key(_C, (0.7, 0.7, 0.7), "base colour", **_COLORS),
                 "roughness": Key(_N, 0.6, "0 mirror to 1 matt", low=0.0, high=1.0),
                 "metallic": Key(_N, 0.0, "0 dielectric to 1 metal", low=0.0, high=1.0),
                 "specular": Key(_N, 0.5, "strength of the gloss", low=0.0, high=1.0),
                 "transmission": Key(_N, 0.0, "0 opaque to 1 clear", low=0.0, high=1.0),
-                "ior": Key(_N, 1.5, "index of refraction", low=1.0),
+                "ior": Key(_N, 1.5, "index of refraction", low=1.0, high=100.0),
                 "translucency": Key(_N, 0.0, "light that comes through a leaf", low=0.0, high=1.0),
-                "emission": Key(_C, (0.0, 0.0, 0.0), "light given off"),
+                "emission": Key(_C, (0.0, 0.0, 0.0), "light given off", low=0.0, high=BRIGHT),
                 "texture": Key(ValueKind.NAME, None, "its texture", refers_to="texture"),
                 "relief": Key(
                     ValueKind.NAME,
@@ -164,7 +185,7 @@ SETTINGS = {
                     "texture of its relief; automatic: its texture",
                     refers_to="texture",
                 ),
-                "bump": Key(_N, 0.0, "height of the relief"),
+                "bump": Key(_N, 0.0, "height of the relief", low=-1e6, high=1e6),
             },
             named=True,
             several=True,
@@ -188,10 +209,14 @@ SETTINGS = {
                         "normals",
                     ),
                 ),
-                "color": Key(_C, (0.75, 0.7, 0.62), "first colour"),
-                "color2": Key(_C, (0.35, 0.28, 0.2), "second colour"),
+                "color": Key(_C, (0.75, 0.7, 0.62), "first colour", **_COLORS),
+                "color2": Key(_C, (0.35, 0.28, 0.2), "second colour", **_COLORS),
                 "scale": Key(
-                    _N, 1.0, "size of the pattern in world units, of a picture in (u, v)", low=1e-9
+                    _N,
+                    1.0,
+                    "size of the pattern in world units, of a picture in (u, v)",
+                    low=1e-9,
+                    high=FAR,
                 ),
                 "file": Key(ValueKind.TEXT, None, "picture of the kinds image and normals"),
             },
@@ -209,7 +234,7 @@ SETTINGS = {
                     words=("preview", "direct", "path"),
                 ),
                 "bounces": Key(_N, 8.0, "most surfaces that light meets", low=1.0, high=512.0),
-                "exposure": Key(_N, 0.0, "in stops; 1 is twice as bright"),
+                "exposure": Key(_N, 0.0, "in stops; 1 is twice as bright", low=-64.0, high=64.0),
                 "view": Key(
                     ValueKind.WORD,
                     "standard",
@@ -236,3 +261,42 @@ class Setting:
     name: str | None
     values: Mapping[str, tuple[Expr, ...] | str]
     span: SourceSpan | None = field(default=None, repr=False)
+
+
+def check_value(kind: str, key: str, value: Any) -> Any:
+    """Return a value that was given in Python for a key of a setting, in its proper form.
+
+    Raises
+    ------
+    UsageError
+        There is no such key, or the value is none for it.
+    """
+    keys = SETTINGS[kind].keys
+    if key not in keys:
+        hint = suggest(str(key), keys)
+        raise UsageError(f"`{kind}` has no key `{key}`" + (f"; {hint}" if hint else ""))
+    spec = keys[key]
+    if value is None and spec.default is None:
+        return None
+    if spec.kind is ValueKind.TEXT and isinstance(value, (str, Path)):
+        return str(value)
+    if spec.kind is ValueKind.NAME and isinstance(value, str):
+        return value
+    if spec.kind is ValueKind.WORD and isinstance(value, str) and value in spec.words:
+        return value
+    if spec.kind is ValueKind.WORD:
+        raise UsageError(f"`{key}` of `{kind}` is one of {', '.join(spec.words)}, not {value!r}")
+    if spec.kind in (ValueKind.NAME, ValueKind.TEXT):
+        raise UsageError(f"`{key}` of `{kind}` is {spec.kind.value}, not {value!r}")
+    single = spec.kind is ValueKind.NUMBER
+    try:
+        numbers = tuple(float(x) for x in ((value,) if single else value))
+    except (TypeError, ValueError, OverflowError):
+        numbers = ()
+    if len(numbers) != (1 if single else 3) or isinstance(value, str):
+        raise UsageError(f"`{key}` of `{kind}` is {spec.kind.value}, not {value!r}")
+    for x in numbers:
+        if not spec.low <= x <= spec.high:
+            legal = f"from {spec.low:g} to {spec.high:g}"
+            raise UsageError(f"`{key}` of `{kind}` is a number {legal}, not {x:g}")
+    return numbers[0] if single else numbers

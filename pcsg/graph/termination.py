@@ -11,8 +11,7 @@ from collections.abc import Iterable, Sequence
 
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, SourceSpan
-from pcsg.graph.expr import Parameter, functions_of, parameters_of
-from pcsg.graph.functions import FUNCTIONS, Form
+from pcsg.graph.expr import Parameter, asks_world, parameters_of
 from pcsg.graph.graph import Graph
 from pcsg.graph.nodes import Calculation, Node, Operation, Selection, Transformation
 from pcsg.graph.text import assignment_texts
@@ -94,7 +93,7 @@ def check_cycles(graph: Graph) -> list[Diagnostic]:
             continue  # reported for want of a terminating rule
         selects = [m.select for m in _selections(graph, component) if m.select is not None]
         read = parameters_of(*selects)
-        world = any(FUNCTIONS[f].form is Form.WORLD for f in functions_of(*selects))
+        world = asks_world(*selects)
         kept = {
             k
             for k in component

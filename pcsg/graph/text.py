@@ -25,10 +25,10 @@ from pcsg.graph.operators import Operator
 from pcsg.graph.pretty import Mark, Token, format_tokens
 from pcsg.graph.settings import Setting, ValueKind
 from pcsg.graph.transforms import TRANSFORMS
+from pcsg.graph.words import WORD, is_name
 from pcsg.leaf import LEAF_NAMES
 
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
-_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_WORD = re.compile(WORD)
 
 UNARY = 100
 """How tightly unary operators bind; operators on solids bind by their precedence."""
@@ -212,10 +212,10 @@ class _Writer:
         seen[name] = kind
 
     def _check_name(self, name: str, kind: str) -> None:
-        if not _NAME.match(name):
+        if not is_name(name):
             raise UsageError(
-                f"a {kind} cannot be called {name!r}: names are made of letters a-z, A-Z, "
-                "digits and _, and begin with no digit"
+                f"a {kind} cannot be called {name!r}: names are made of letters, digits "
+                "and _, and begin with no digit"
             )
         if name in self._reserved:
             raise UsageError(f"a {kind} cannot be called `{name}`: the language reserves that word")

@@ -9,9 +9,8 @@ from struct import Struct
 from pcsg.errors import UsageError
 from pcsg.graph.attributes import ATTRIBUTE_SLOTS
 from pcsg.graph.code import GraphCode, NodeFault, compose_affine, invert_affine
-from pcsg.graph.expr import functions_of, parameters_of
+from pcsg.graph.expr import asks_world, parameters_of
 from pcsg.graph.faults import BAD_ARGUMENT, DEPTH_LIMIT, TOO_MANY_MODELS, fault_diagnostic
-from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.graph import Graph
 from pcsg.graph.liveness import Liveness, successors_first
 from pcsg.graph.nodes import Leaf, Operation, Selection, Transformation
@@ -269,8 +268,7 @@ class _Unroller:
 
 def _varies(node: Leaf) -> bool:
     """Return whether the numbers of a leaf depend on the place."""
-    world = any(FUNCTIONS[f].form is Form.WORLD for f in functions_of(*node.args))
-    return world or bool(parameters_of(*node.args))
+    return asks_world(*node.args) or bool(parameters_of(*node.args))
 
 
 _SHARED_SIZE = 250

@@ -14,6 +14,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pcsg import arguments
 from pcsg.errors import UsageError
 from pcsg.leaf.bvh import build_hierarchy
 from pcsg.leaf.places import face_normal, interpolate, locate
@@ -204,10 +205,13 @@ def mesh_of_arrays(vertices: ArrayLike, faces: Any) -> MeshModel:
     UsageError
         Shapes do not fit, numbers are not finite, or a vertex is not there.
     """
-    points = np.array(vertices, np.float64)
+    points = arguments.array(vertices, "mesh: vertices").copy()
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise UsageError("mesh: vertices are finite numbers of shape (n, 3)")
-    polygons = [np.asarray(face) for face in faces]
+    try:
+        polygons = [np.asarray(face) for face in faces]
+    except (TypeError, ValueError):
+        polygons = []
     if not polygons or any(p.ndim != 1 or len(p) < 3 or p.dtype.kind not in "iu" for p in polygons):
         raise UsageError("mesh: every face is a row of 3 or more numbers of vertices")
     corners = np.concatenate(polygons).astype(np.int64)

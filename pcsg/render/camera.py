@@ -94,6 +94,7 @@ def basis(eye: Any, target: Any, up: Any) -> tuple[Floats, Floats, Floats]:
     """
     forward = _unit(np.asarray(target, float) - np.asarray(eye, float))
     upward = np.asarray(up, float)
+    upward = upward / max(float(np.abs(upward).max()), 1e-300)  # no square is beyond numbers
     right = np.cross(forward, upward)
     if not np.linalg.norm(right) > 1e-9 * np.linalg.norm(upward):
         right = np.cross(forward, np.eye(3)[np.argmin(np.abs(forward))])

@@ -12,6 +12,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg import arguments
 from pcsg.errors import UsageError
 from pcsg.outputs import check_output, write_by_name, write_whole
 from pcsg.render.formats import BAND, load_openexr, write_exr, write_png
@@ -112,7 +113,8 @@ class Image:
         EnvironmentFault
             The system refuses, or the library for .exr is not installed.
         """
-        path = Path(path)
+        path = arguments.path(path, "path")
+        aovs = arguments.listed(aovs, "aovs", "layers")
         check_picture(path, aovs, bits)
         values = {name: getattr(self, name) for name in aovs}
         if path.suffix.lower() == ".exr":
@@ -149,7 +151,7 @@ def check_picture(path: Path, aovs: Sequence[str], bits: int = 8) -> None:
         The folder takes no files, or the library for .exr is not installed.
     """
     check_output(path, ENDINGS)
-    if bits not in (8, 16):
+    if arguments.whole(bits, "bits", 8, 16) not in (8, 16):
         raise UsageError(f"a picture has 8 or 16 bits per colour, not {bits}")
     for name in aovs:
         layer = aov_path(path, name)
@@ -167,6 +169,6 @@ def aov_path(path: Path, name: str) -> Path:
     UsageError
         There is no such layer.
     """
-    if name not in AOVS:
-        raise UsageError(f"unknown layer `{name}`; there are {', '.join(AOVS)}")
+    if not isinstance(name, str) or name not in AOVS:
+        raise UsageError(f"unknown layer {arguments.shown(name)}; there are {', '.join(AOVS)}")
     return path.with_suffix(f".{name}.npy")

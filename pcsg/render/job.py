@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.arguments import shown
 from pcsg.errors import UsageError
 from pcsg.render.film import Film
 from pcsg.render.image import Image
@@ -154,7 +155,7 @@ class Job:
     def __init__(
         self, scene: RenderScene, options: Options, metadata: Mapping[str, str] | None = None
     ) -> None:
-        options.validate()
+        options = options.validate()
         self.options = options
         self.stage = build_stage(scene, options.size, options.overrides, options.detail)
         first, last = options.film_rows
@@ -395,6 +396,10 @@ def render(
     for kind in settings:
         if kind not in known:
             raise UsageError(f"render() has no argument `{kind}`; settings are {', '.join(known)}")
+    if progress is not None and not callable(progress):
+        raise UsageError(f"progress is a function, not {shown(progress)}")
+    if not hasattr(scene, "setting_values"):
+        raise UsageError(f"render() takes a scene first, not {shown(scene)}")
     options = Options(size, samples, seed, threads, max_memory, settings, detail=detail)
     job = Job(scene, options)
     job.run(progress)

@@ -221,6 +221,7 @@ def sun_direction(values: Mapping[str, Any]) -> tuple[float, float, float]:
     direction = np.asarray(values["direction"], float)
     if not np.abs(direction).max() > 0:
         raise UsageError("the sun's direction is the zero vector")
+    direction = direction / np.abs(direction).max()  # so that no square is beyond the numbers
     direction = direction / np.linalg.norm(direction)
     return float(direction[0]), float(direction[1]), float(direction[2])
 

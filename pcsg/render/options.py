@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
+from pcsg.arguments import real, shown, whole
 from pcsg.errors import EnvironmentFault, UsageError
 from pcsg.render.film import BYTES_PER_PIXEL
 from pcsg.render.sampler import MAX_SAMPLES
@@ -44,8 +46,8 @@ class Options:
     tile: tuple[int, int] | None = None
     detail: float = 0.5
 
-    def validate(self) -> None:
-        """Raise an error if no picture can be made of these options.
+    def validate(self) -> Options:
+        """Return the options in their proper form, or raise an error if no picture is possible.
 
         Raises
         ------
@@ -54,15 +56,16 @@ class Options:
         EnvironmentFault
             The picture does not fit into memory.
         """
-        width, height = self.size
-        if width < 1 or height < 1:
-            raise UsageError(f"the size must be at least 1x1, not {width}x{height}")
-        if not 1 <= self.samples <= MAX_SAMPLES:
-            raise UsageError(f"samples must lie between 1 and {MAX_SAMPLES}, not {self.samples}")
-        if self.threads is not None and self.threads < 1:
-            raise UsageError(f"threads must be at least 1, not {self.threads}")
-        if not 0.0 <= self.detail <= 1000.0:
-            raise UsageError(f"detail must lie between 0 and 1000 pixels, not {self.detail:g}")
+        if not isinstance(self.size, Sequence) or len(self.size) != 2:
+            raise UsageError(f"the size is a pair of whole numbers, not {shown(self.size)}")
+        width, height = (whole(side, "a side of the size", 1) for side in self.size)
+        whole(self.samples, "samples", 1, MAX_SAMPLES)
+        whole(self.seed, "seed", -(2**63), 2**64 - 1)
+        if self.threads is not None:
+            whole(self.threads, "threads", 1)
+        if self.max_memory is not None:
+            whole(self.max_memory, "max_memory", 0)
+        real(self.detail, "detail", 0.0, 1000.0)
         if self.tile is not None:
             part, parts = self.tile
             if not 1 <= part <= parts <= height:
@@ -80,6 +83,7 @@ class Options:
             )
         if max(self.size) > 1 << 20:
             raise UsageError(f"the size must be at most {1 << 20} pixels a side")
+        return replace(self, size=(width, height), samples=int(self.samples), seed=int(self.seed))
 
     @property
     def rows(self) -> tuple[int, int]:

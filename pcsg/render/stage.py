@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from pcsg.arguments import shown
 from pcsg.errors import UsageError, suggest
-from pcsg.graph.settings import SETTINGS
+from pcsg.graph.settings import SETTINGS, check_value
 from pcsg.render.camera import Camera, place, tame
 from pcsg.render.daylight import PhysicalSky, sunlight
 from pcsg.render.emitters import Emitters, make_emitters
@@ -153,11 +154,11 @@ def _values(scene: RenderScene, kind: str, overrides: Overrides) -> dict[str, An
     values = {key: k.default for key, k in SETTINGS[kind].keys.items()}
     for written in scene.setting_values(kind):
         values.update(written)
-    for key, value in overrides.get(kind, {}).items():
-        if key not in values:
-            hint = suggest(key, values)
-            raise UsageError(f"`{kind}` has no key `{key}`" + (f"; {hint}" if hint else ""))
-        values[key] = value
+    given = overrides.get(kind, {})
+    if not isinstance(given, Mapping):
+        raise UsageError(f"`{kind}` takes a dictionary of keys and values, not {shown(given)}")
+    for key, value in given.items():
+        values[key] = check_value(kind, key, value)
     return values
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pcsg.arguments import array
 from pcsg.errors import UsageError
 
 CHUNK = 16_384
@@ -107,20 +108,20 @@ def check_points(points: ArrayLike, what: str = "points") -> NDArray[np.float64]
     UsageError
         The shape does not fit.
     """
-    array = np.ascontiguousarray(points, dtype=np.float64)
-    if array.ndim == 1 and array.shape == (3,):
-        array = array[None, :]
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise UsageError(f"{what} must have shape (N, 3), not {array.shape}")
+    found = array(points, what)
+    if found.ndim == 1 and found.shape == (3,):
+        found = found[None, :]
+    if found.ndim != 2 or found.shape[1] != 3:
+        raise UsageError(f"{what} must have shape (N, 3), not {found.shape}")
     # Kernels are compiled for arrays that can be written to.
-    return array if array.flags.writeable else array.copy()
+    return found if found.flags.writeable else found.copy()
 
 
 def _shape_limit(value: ArrayLike, name: str, n: int) -> NDArray[np.float64]:
-    array = np.ascontiguousarray(value, dtype=np.float64)
-    if np.shape(value) not in ((), (n,)):
-        raise UsageError(f"{name} must be a number or have shape ({n},), not {np.shape(value)}")
-    return array if array.flags.writeable else array.copy()
+    found = array(value, name)  # of one dimension at least
+    if found.shape not in ((1,), (n,)):
+        raise UsageError(f"{name} must be a number or have shape ({n},), not {found.shape}")
+    return found if found.flags.writeable else found.copy()
 
 
 def count_processors() -> int:

@@ -438,3 +438,9 @@ def test_modules_and_nodes_know_their_places() -> None:
         Transformation: "move(1,0,0)",
         Leaf: "sphere",
     }
+
+
+@pytest.mark.parametrize("select", ["iff(c>0,2,1)", "c + foo(2)", "neg(c, 1)", "sin(c, 1)"])
+def test_a_wrong_function_on_a_cycle_is_told(select: str) -> None:
+    with pytest.raises(GrammarError, match=r"unknown function|takes 1 argument"):
+        load_text(f"{{c=3}} S\nS if({select}, 2, 1)\n1: S -> sphere\n2: S -> {{c=c-1}} S")
