@@ -13,7 +13,8 @@ from pathlib import Path
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, Source, SourceSpan
 from pcsg.grammar.macros import Expander, Macro, line_end, take_define, usable_macros
-from pcsg.grammar.tokens import WORD, Token, join, tokenize, words
+from pcsg.grammar.tokens import Token, join, tokenize, words
+from pcsg.graph.words import is_name
 from pcsg.graph.graph import GLOBALS
 from pcsg.growth.leaf import is_species, species_mistakes
 from pcsg.skeletonfile import SKELETON_ENDINGS
@@ -82,7 +83,7 @@ def _plant_grammar(text: str) -> str:
 
     numbers = numbers_of(text)
     reserved = words().keys() | GLOBALS.keys()
-    free = [name for name in numbers if WORD.fullmatch(name) and name not in reserved]
+    free = [name for name in numbers if is_name(name) and name not in reserved]
     block = "; ".join(f"{name} = {numbers[name]!r}" for name in free)
     given = "".join(f", {name if name in free else repr(x)}" for name, x in numbers.items())
     plant = PLANT.replace("CONSTANTS", f"{{{block}}}").replace("NUMBERS", given)
