@@ -14,8 +14,8 @@ from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, Source, SourceSpan
 from pcsg.grammar.macros import Expander, Macro, line_end, take_define, usable_macros
 from pcsg.grammar.tokens import Token, join, tokenize, words
-from pcsg.graph.words import is_name
 from pcsg.graph.graph import GLOBALS
+from pcsg.graph.words import is_name
 from pcsg.growth.leaf import is_species, species_mistakes
 from pcsg.skeletonfile import SKELETON_ENDINGS
 
