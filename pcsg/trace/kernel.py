@@ -33,7 +33,7 @@ from pcsg.trace.ends import (
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.merge import tolerance
 from pcsg.trace.owner import find_owner
-from pcsg.trace.question import ask, is_subtracted
+from pcsg.trace.question import ask, meets_subtracted
 from pcsg.trace.simd import WIDTH, stay_apart
 from pcsg.trace.traversal import (
     ENDS,
@@ -52,6 +52,7 @@ from pcsg.trace.traversal import (
     comes_first,
     copy_path,
     cross_reference,
+    is_sheet,
     keep_path,
     keep_surface,
     load_beginning,
@@ -318,12 +319,6 @@ def approach(ray: Ray, p: Vec3) -> float:
     return along / (ray.dx * ray.dx + ray.dy * ray.dy + ray.dz * ray.dz)
 
 
-@njit(inline=True)
-def is_sheet(trees: Trees, index: int) -> bool:
-    """Return whether a reference leads to a sheet."""
-    return bool(trees.leaves[place(4 * wide(trees.targets[place(index)]) + 2)] == 1)
-
-
 @njit(contract=True)
 def step_operation(
     trees: Trees,
@@ -390,7 +385,8 @@ def step_operation(
             best = t
             answer = HIT
             break
-        if state == 1 and (unsure or is_subtracted(trees, paths, held)):
+        # Of what is taken away, a question tells the end of any part that covers its place.
+        if state == 1 and (unsure or meets_subtracted(trees, paths, held)):
             before, behind, t = find_owner(trees, pool, scratch, code, ray, t, top, level)
             if before != 0 or behind != 1:
                 return UNDECIDED, best
@@ -415,31 +411,26 @@ def find_exit(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int, 
     Arguments and answers as for `find_first`, without INSIDE; for ANY there is no path.
     """
     stay_apart()
-    paths = scratch.paths
     code = wide(root) << 3 | BLOCK
     t = world.tmin - 2.0 * tolerance(world.tmin)
     touch = world.tmin + tolerance(world.tmin)
-    held = PATH * (MAX_DEPTH - 1)
-    unsure = False
-    state, u, tied = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
+    state, u, _ = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
     if state != 1 or u <= touch:
         return UNDECIDED
     while state == 1 and u <= world.tmax and u < math.inf:
-        t, unsure = u, tied
-        copy_path(paths, PATH, held)
+        t = u
         # Mostly nothing else is there, and nobody asks what comes next.
         probe = min(world.tmax, t + 2.0 * tolerance(t))
-        state, u, tied = ask(trees, pool, scratch, code, world, t, probe, t, 0, 0)
+        state, u, _ = ask(trees, pool, scratch, code, world, t, probe, t, 0, 0)
         if state == 1:
-            state, u, tied = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
+            state, u, _ = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
     if state != 0:
         return MISS if state == 1 else UNDECIDED
     if want != ANY:
-        if unsure or not is_subtracted(trees, paths, held):
-            before, behind, t = find_owner(trees, pool, scratch, code, world, t, 0, 0)
-            if before != 1 or behind != 0:
-                return UNDECIDED
-            copy_path(paths, PATH, held)
-        copy_path(paths, held, HIT_PATH)
+        # A question tells the end of any part that covers its place.
+        before, behind, t = find_owner(trees, pool, scratch, code, world, t, 0, 0)
+        if before != 1 or behind != 0:
+            return UNDECIDED
+        copy_path(scratch.paths, PATH, HIT_PATH)
         scratch.small[T] = t
     return HIT

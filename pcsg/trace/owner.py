@@ -28,6 +28,7 @@ from pcsg.trace.traversal import (
     comes_first,
     copy_path,
     cross_reference,
+    is_sheet,
     keep_surface,
     load_ray,
     make_slabs,
@@ -64,8 +65,8 @@ def find_owner(
     -------
     before, behind, u
         Whether the solid is there before and behind all that coincides with t; `UNDECIDED` twice
-        where that is not known. Where the two differ, the path kept for `level` leads to the leaf,
-        whose own crossing is at u.
+        where that is not known, or where a sheet is. Where the two differ, the path kept for
+        `level` leads to the leaf, whose own crossing is at u.
     """
     entry_t, entry_ref, rays = scratch.entry_t, scratch.entry_ref, scratch.rays
     paths, small, frames, limits = scratch.paths, scratch.small, scratch.frames, scratch.limits
@@ -117,12 +118,16 @@ def find_owner(
             if n == OVERFLOW:
                 return UNDECIDED, UNDECIDED, t
             was, now, surface = 0, 0, ENDS
+            sheet = kind == LEAF and is_sheet(trees, index)
             for k in range(ENDS, n, 2):
                 lo, hi = small[k], small[k + 1]
-                if hi <= lo or hi < low:
-                    continue
                 if lo > high:
                     break
+                if sheet and lo >= low:
+                    # Whichever stands first in the text is seen: lists can tell.
+                    return UNDECIDED, UNDECIDED, t
+                if hi <= lo or hi < low:
+                    continue
                 if lo < low:
                     was = 1
                     surface = k + 1

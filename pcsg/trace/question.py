@@ -270,12 +270,12 @@ def ask(
 
 
 @njit
-def is_subtracted(trees: Trees, paths: NDArray[np.int32], at: int) -> bool:
-    """Return whether a kept path leads through an odd number of subtracted operands."""
-    odd = False
+def meets_subtracted(trees: Trees, paths: NDArray[np.int32], at: int) -> bool:
+    """Return whether a kept path leads through a subtracted operand."""
     for k in range(2, paths[at] + 1):
         step = paths[at + k]
         if SLOT < step < -1:
             operation = trees.targets[paths[at + k - 1]]
-            odd = odd != (trees.operations[operation] == _DIFFERENCE)
-    return odd
+            if trees.operations[operation] == _DIFFERENCE:
+                return True
+    return False

@@ -242,6 +242,12 @@ def keep_path(paths: NDArray[np.int32], level: int, last: int, at: int) -> None:
 
 
 @njit(inline=True)
+def is_sheet(trees: Trees, index: int) -> bool:
+    """Return whether a reference to a leaf leads to a sheet."""
+    return bool(trees.leaves[place(4 * wide(trees.targets[place(index)]) + 2)] == 1)
+
+
+@njit(inline=True)
 def cross_reference(
     trees: Trees,
     pool: Pool,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,11 +14,13 @@ import oracle
 import pytest
 import strategies as cases
 from agreement import ENGINES, Judge, Make, Ray, cast, make_any_states
-from hypothesis import assume, event, given
+from assemblies import assemble
+from consistency import rays_through
+from hypothesis import assume, event, given, settings
 from hypothesis import strategies as st
 
 from pcsg.errors import EvaluationFault, UsageError
-from pcsg.grammar import load_file
+from pcsg.grammar import load_file, load_text
 from pcsg.graph.build import C, S
 from pcsg.graph.expr import P, call, if_
 from pcsg.graph.graph import GLOBALS, Graph
@@ -78,6 +81,18 @@ def test_grammars(make: Make, data: st.DataObject) -> None:
     assume(len(oracle.leaves(graph)) <= 150)
     rays = data.draw(cases.many_rays(graph, 8))
     judge_all(make, graph, rays, [(0.0, math.inf), data.draw(WINDOWS)])
+
+
+@both
+@settings(max_examples=settings().max_examples // 3)
+@given(rng=st.randoms(use_true_random=False), seed=st.integers(0, 1_000))
+def test_assemblies(make: Make, rng: random.Random, seed: int) -> None:
+    """Operations over modules in wide unions, as the long form in ``tests/fuzz`` makes them."""
+    graph = load_text(assemble(rng))
+    origins, directions = rays_through(graph, np.random.default_rng(seed), 3)
+    # Whether a ray that starts on a surface meets it is a matter of rounding.
+    rays = list(zip(origins.tolist(), directions.tolist(), strict=True))[:6]
+    judge_all(make, graph, rays, [(0.0, math.inf)])
 
 
 @both
