@@ -173,25 +173,27 @@ class Scene:
         self._recipes: Recipes | None = None
         unrolled = engine != "cyclic" and self._unroll()
         if engine == "states" and not unrolled:
-            raise UsageError(
-                f"the grammar has more than {self.states.count:,} states, which cannot be made on "
-                f"demand ({self._no_recipe}); use the engine `cyclic` or `auto`"
-            )
+            raise UsageError(f"{self._obstacle}; use the engine `cyclic` or `auto`")
         self._asked = engine
         self.engine = "states" if unrolled else "cyclic"
         """The engine in use."""
 
     def _unroll(self) -> bool:
         """Find how the engine of states can have its states; return whether it can."""
-        if self.states.finite:
-            return self.states.acyclic
-        try:
-            self._recipes = make_recipes(self.graph, self.values)
-        except NoRecipe as reason:
-            self._no_recipe = str(reason)
-            self.states = enumerate_states(self.graph, self.values, WHOLE_BUDGET)
-            return self.states.finite and self.states.acyclic
-        return True
+        if not self.states.finite:
+            try:
+                self._recipes = make_recipes(self.graph, self.values)
+            except NoRecipe as reason:
+                self.states = enumerate_states(self.graph, self.values, WHOLE_BUDGET)
+                self._obstacle = (
+                    f"the grammar has more than {self.states.count:,} states, which cannot be made"
+                    f" on demand ({reason})"
+                )
+            else:
+                return True
+        if self.states.finite and not self.states.acyclic:
+            self._obstacle = "a module of the grammar leads back to itself with the same values"
+        return self.states.finite and self.states.acyclic
 
     def _sun(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the direction towards the sun as the parameters SUNX, SUNY, SUNZ."""

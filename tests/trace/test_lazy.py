@@ -132,6 +132,15 @@ def test_what_cannot_be_made_on_demand_is_walked_and_says_why() -> None:
         Scene(load_text(text), engine="states")
 
 
+def test_what_leads_back_to_itself_is_walked_and_says_why() -> None:
+    text = "{c=1} S\nS 1 + c\n1: S -> sphere\n" + (
+        "2: S -> box | {c=2} uscale(0.5) S\n3: S -> {c=1} move(1,0,0) S\n"
+    )
+    assert isinstance(Scene(load_text(text)).tracer, Walker)
+    with pytest.raises(UsageError, match="leads back to itself with the same values"):
+        Scene(load_text(text), engine="states")
+
+
 def test_faults_in_states_made_on_demand_are_told_by_the_walker() -> None:
     text = PLANT.replace("0.7 + 0.1*rand(s,5)", "if(n < 2, 1/(floor(9*rand(s,5))), 0.8)") % 12
     tracer = make_lazy(load_text(text), block_memory=0)
