@@ -60,6 +60,14 @@ CATALOGUE: dict[str, Mistake] = {
             "another folder.",
         ),
         Mistake(
+            "file-mended",
+            _F,
+            "Something in a file that a primitive names was left out or mended: attributes that "
+            "are no numbers, corners that differ by rounding, facets that were inside out. The "
+            "rest is used.",
+            "warning",
+        ),
+        Mistake(
             "bad-file",
             _F,
             "A file that a primitive names is not there, is damaged, or is of a kind that is not "

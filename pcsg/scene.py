@@ -161,9 +161,12 @@ class Scene:
         self._max_memory = _bytes(max_memory, "max_memory")
         self._block_memory = _bytes(block_memory, "block_memory")
         self.graph = graph.override(given)
-        errors = [d for d in check_graph(self.graph) if d.severity == "error"]
+        problems = check_graph(self.graph)
+        errors = [d for d in problems if d.severity == "error"]
         if errors:
             raise GrammarError(errors)
+        self.warnings = tuple(problems)
+        """What was left out of files or mended in them, as diagnostics."""
         sun = self._sun({**GLOBALS, **values})
         self.values: dict[str, float] = {**GLOBALS, **values, **sun}
         """Values of the global parameters."""

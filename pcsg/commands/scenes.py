@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from pcsg.commands.guard import say
 from pcsg.commands.options import parse_assignments, parse_memory, parse_number
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def open_scene(
     blocks = parse_memory(block_memory, "--block-memory")
     from pcsg.scene import load
 
-    return load(
+    scene = load(
         file,
         include=include,
         max_memory=limit,
@@ -41,3 +42,6 @@ def open_scene(
         engine=cast("Engine", engine),  # Scene checks it
         parameters=values,
     )
+    for warning in scene.warnings:
+        say(warning.render())
+    return scene

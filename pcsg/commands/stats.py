@@ -35,7 +35,17 @@ def run(
         return
     width = max(len(name) for name in counts)
     for name, value in counts.items():
-        typer.echo(f"{name.replace('_', ' '):{width}}  {_shown(value)}")
+        lines = map(_mesh, value) if name == "meshes" else [_shown(value)]
+        typer.echo(f"{name.replace('_', ' '):{width}}  " + f"\n{'':{width}}  ".join(lines))
+
+
+def _mesh(mesh: dict[str, Any]) -> str:
+    """Return what is told of a mesh in a line."""
+    parts = [f"{mesh['triangles']:,} triangles", "closed" if mesh["closed"] else "a sheet"]
+    if mesh["open_edges"]:
+        a, b = (f"({_shown(end)})" for end in mesh["open_at"][0])
+        parts.append(f"{mesh['open_edges']:,} open edges, one from {a} to {b}")
+    return "; ".join([f"{mesh['name'] or 'arrays'}: {', '.join(parts)}", *mesh["notes"]])
 
 
 def _plain(value: Any) -> Any:
@@ -54,7 +64,7 @@ def _shown(value: Any) -> str:
         parts = ", ".join(f"{name} {_shown(v)}" for name, v in value.items() if name != "total")
         return f"{_shown(value['total'])} ({parts})" if "total" in value else parts
     if isinstance(value, list | tuple):
-        return ", ".join(_shown(v) for v in value)
+        return ", ".join(_shown(v) for v in value) or "none"
     if isinstance(value, float):
         return f"{value:g}"
     if isinstance(value, bool) or not isinstance(value, int):

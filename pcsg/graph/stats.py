@@ -14,7 +14,11 @@ from pcsg.graph.nodes import Leaf
 from pcsg.graph.states import LeafItem, StateGraph
 from pcsg.graph.unroll import enumerate_states
 from pcsg.leaf.blob import BlobSource
+from pcsg.leaf.mesh import MeshModel
 from pcsg.leaf.registry import Box
+
+OPEN_EDGES = 10
+"""Open edges of a mesh that are told."""
 
 
 def graph_stats(
@@ -43,7 +47,10 @@ def graph_stats(
         derivation does not end), ``boxes`` (exact, interval or unbounded), ``bounds`` and
         ``scene_bounds`` (lower and upper corner; None where infinite or empty), ``bytes``; where
         there are trees of skeletons, ``junctions``: their number, at how many the branches are
-        together thicker than their bearer, and the greatest and mean ratio of sum r_i^2 to r_A^2.
+        together thicker than their bearer, and the greatest and mean ratio of sum r_i^2 to r_A^2;
+        where there are meshes, ``meshes``: for each its name, triangles, whether it is closed, the
+        number of its open edges and the ends of the first ones, and what of its file is left out or
+        mended.
     """
     states = states or enumerate_states(graph, globals_values)
     boxes = boxes or hyper_boxes(graph, globals_values, states)
@@ -59,7 +66,32 @@ def graph_stats(
         "scene_bounds": _corners(boxes.scene_box),
         "bytes": {"boxes": boxes.boxes.nbytes, **(nbytes or {})},
         **_junctions(graph, states),
+        **_meshes(graph),
     }
+
+
+def _meshes(graph: Graph) -> dict[str, Any]:
+    """Return the meshes by their names; nothing where there is none."""
+    models = {
+        constant.signature: constant
+        for node in graph.nodes
+        for constant in (node.constants if isinstance(node, Leaf) else ())
+        if isinstance(constant, MeshModel)
+    }
+    if not models:
+        return {}
+    described = [
+        {
+            "name": model.name,
+            "triangles": len(model.triangles),
+            "closed": model.closed,
+            "open_edges": len(model.open_edges),
+            "open_at": model.open_edges[:OPEN_EDGES].tolist(),
+            "notes": list(model.notes),
+        }
+        for model in models.values()
+    ]
+    return {"meshes": described}
 
 
 def _junctions(graph: Graph, states: StateGraph) -> dict[str, Any]:

@@ -21,7 +21,24 @@ def check_graph(graph: Graph) -> list[Diagnostic]:
         *check_sheets(graph),
         *check_constant_selections(graph),
         *check_termination(graph),
+        *check_files(graph),
     ]
+
+
+def check_files(graph: Graph) -> list[Diagnostic]:
+    """Return a warning for everything that was left out of a file or mended in it."""
+    told: set[tuple[object, str]] = set()
+    problems: list[Diagnostic] = []
+    for leaf in graph.nodes:
+        if not isinstance(leaf, Leaf):
+            continue
+        for constant in leaf.constants:
+            for note in constant.notes:
+                if (constant.signature, note) not in told:
+                    told.add((constant.signature, note))
+                    message = f"{leaf.solid.name}({constant.text or '...'}): {note}"
+                    problems.append(diagnose("file-mended", message, leaf.span))
+    return problems
 
 
 def check_parameters(graph: Graph, ignore: Collection[str] = ()) -> list[Diagnostic]:
@@ -171,6 +188,7 @@ def _subtracted(difference: Operation, operand: Node, sheet: Leaf) -> Diagnostic
     notes: list[tuple[str, SourceSpan | None]] = []
     if operand is not sheet:
         notes.append((f"the sheet `{sheet.solid.name}`", sheet.span))
+    notes += [(c.why_sheet, None) for c in sheet.constants if c.why_sheet]
     # A module or a definition has its own place; the difference is the one to look at.
     shared = isinstance(operand, Selection) or operand.definition is not None
     place = difference.span if shared or operand.span is None else operand.span

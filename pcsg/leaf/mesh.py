@@ -43,6 +43,7 @@ from pcsg.leaf.triangles import (
 )
 from pcsg.meshfile import Mesh as Polygons
 from pcsg.meshfile import read_mesh
+from pcsg.meshfile.closing import close
 from pcsg.meshfile.mesh import make_mesh, offsets_of
 from pcsg.vec import Ray, Vec3
 
@@ -65,20 +66,59 @@ class MeshModel(Constant, Model):
     Attributes
     ----------
     closed
-        Whether every edge is passed as often in one direction as in the other, so that the mesh
-        bounds a volume.
+        Whether the mesh bounds a volume: every edge is passed as often in one direction as in the
+        other, if need be once facets are turned and corners joined; see `pcsg.meshfile.closing`.
+    triangles : int64 (T, 3)
+        Vertices of the triangles as they are met.
+    triangle_corners : int64 (T, 3)
+        Their corners in the file's polygons.
+    open_edges : float64 (E, 2, 3)
+        Ends of the edges where the mesh is open.
+    notes
+        What of a file is left out or mended.
     """
 
     def __init__(self, polygons: Polygons, name: str | None = None, *, sheet: bool = False) -> None:
         self.polygons = polygons
         self.name = name
         self.triangles: Integers = polygons.triangles
-        self.closed = not sheet and is_closed(self.triangles)
-        used = polygons.vertices[np.unique(self.triangles)]
-        if not len(used):
+        self.triangle_corners: Integers = polygons.triangle_corners
+        self.closed = False
+        self.open_edges: Floats = np.zeros((0, 2, 3))
+        self.notes = polygons.notes
+        if not len(self.triangles):
             raise UsageError("all polygons of the mesh are degenerate")
+        if polygons.crossing_polygons:
+            crossing = "cut as they come: polygons that cross themselves"
+            self.notes += (f"{crossing} ({polygons.crossing_polygons:,})",)
+        if not sheet:
+            self._close()
+        used = polygons.vertices[np.unique(self.triangles)]
         self._cells = _Cells(used)
         self.bounds = Box(tuple(used.min(axis=0).tolist()), tuple(used.max(axis=0).tolist()))
+
+    def _close(self) -> None:
+        """Make it a solid if it can be."""
+        vertices = self.polygons.vertices
+        found = close(vertices, self.triangles)
+        self.closed = found.closed
+        self.open_edges = vertices[found.open_edges]
+        self.notes += found.notes
+        if found.dropped.any() or found.notes:
+            turned = found.turned[:, None]
+            corners = np.where(turned, self.triangle_corners[:, ::-1], self.triangle_corners)
+            self.triangle_corners = corners[~found.dropped]
+            self.triangles = found.twin[self.polygons.corners[self.triangle_corners]]
+
+    @property
+    def why_sheet(self) -> str | None:
+        if self.closed or not len(self.open_edges):
+            return None
+        count = len(self.open_edges)
+        a, b = (", ".join(f"{x:g}" for x in end) for end in self.open_edges[0])
+        edges = f"{count:,} of its edges are" if count > 1 else "one of its edges is"
+        first = "the first" if count > 1 else "it"
+        return f"the mesh is not closed: {edges} open, {first} from ({a}) to ({b})"
 
     @property
     def signature(self) -> object:
@@ -112,7 +152,7 @@ class MeshModel(Constant, Model):
         hierarchy = build_hierarchy(boxes)
         del boxes
         points = points[hierarchy.order]
-        corners = mesh.triangle_corners[hierarchy.order]
+        corners = self.triangle_corners[hierarchy.order]
         uv = _of_corners(mesh.corner_uv, corners, [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         normals = None
         if mesh.corner_normals is not None:
@@ -180,23 +220,6 @@ def _of_corners(values: Floats | None, corners: Integers, instead: ArrayLike) ->
     return found
 
 
-def is_closed(triangles: Integers) -> bool:
-    """Return whether triangles bound a volume, all turned the same way.
-
-    Parameters
-    ----------
-    triangles : int64 (T, 3)
-        Without triangles that have a vertex twice.
-    """
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    forward = edges[:, 0] < edges[:, 1]
-    size = int(edges.max(initial=0)) + 1
-    keys = np.where(forward, edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0])
-    _, which = np.unique(keys, return_inverse=True)
-    balance = np.bincount(which.ravel(), np.where(forward, 1, -1))
-    return bool(len(edges)) and not balance.any()
-
-
 def mesh_of_arrays(vertices: ArrayLike, faces: Any) -> MeshModel:
     """Return the mesh of vertices (V, 3) and faces: an array (F, 3) or (F, 4), or lists.
 
@@ -228,15 +251,20 @@ _READ: WeakValueDictionary[tuple[object, ...], MeshModel] = WeakValueDictionary(
 class Mesh(Solid):
     """Polygons from a file: OBJ, PLY, STL or GLB.
 
-    The name is relative to the grammar's file; coordinates are taken as they are. If the mesh is
-    closed and its faces all turn the same way, it is a solid: the points that its surface winds
-    about. Otherwise it is a sheet. Equal vertices are one vertex.
+    The name is relative to the grammar's file; coordinates are taken as they are. A closed mesh is
+    a solid: the points that its surface winds about. To close it, corners that differ by rounding
+    (by a millionth of the longest side of its box) are joined and facets that are inside out are
+    turned. What cannot be closed is a sheet, and so is a mesh whose faces all stand both ways:
+    ``pcsg stats`` tells where it is open.
+
+    What of a file is damaged but not its shape, such as colours that are no numbers, is left out
+    with a warning (``Scene.warnings``); other damage is an error that names the line or the byte.
 
     In Python, ``mesh("rock.obj")`` or ``mesh(vertices, faces)``.
 
     Surface coordinates: those of the file, or else the barycentric ones of the second and the
     third corner of each triangle. Normals are those of the faces, or the file's, if it has any.
-    Colours of vertices, where the file has them, come before those that the grammar sets.
+    Colours of vertices or faces, where the file has them, come before those that the grammar sets.
     """
 
     constants = (LeafConstant("file", "the name of a mesh file in quotes"),)

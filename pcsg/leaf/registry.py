@@ -95,6 +95,14 @@ class Constant:
     instead: ClassVar[str] = "save them to a file and name it"
     """What to do where the language cannot say it."""
 
+    notes: tuple[str, ...] = ()
+    """What of a file is left out or mended, a sentence for each kind."""
+
+    @property
+    def why_sheet(self) -> str | None:
+        """Why it is a sheet and no solid, None if nothing is known about that."""
+        return None
+
     @property
     def signature(self) -> object:
         """A value that is equal for, and only for, constants that are written alike."""

@@ -1,14 +1,12 @@
 """PLY, as text and binary of either byte order.
 
-Format: Greg Turk, "The PLY Polygon File Format", 1994. Elements other than ``vertex`` and
-``face`` are passed over.
+Format: Greg Turk, "The PLY Polygon File Format", 1994. Elements other than ``vertex``, ``face``
+and ``tristrips`` are passed over.
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from typing import NoReturn
 
 import numpy as np
@@ -18,10 +16,15 @@ from pcsg.meshfile.mesh import (
     Integers,
     Mesh,
     MeshFileError,
-    linear_from_srgb,
+    Notes,
+    checked_vertices,
+    finite_rows,
+    linear_from_display,
     make_mesh,
     offsets_of,
 )
+from pcsg.meshfile.plybody import BinaryBody, Body, Column, Element, Property, TextBody
+from pcsg.meshfile.words import as_utf8, shown
 
 _TYPES = {
     "char": "i1",
@@ -41,66 +44,49 @@ _TYPES = {
     "double": "f8",
     "float64": "f8",
 }
-_CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDICES = ("vertex_indices", "vertex_index")
 _UV_NAMES = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
+_COLOR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_RANGES = {"i1": 2**7 - 1, "u1": 2**8 - 1, "i2": 2**15 - 1, "u2": 2**16 - 1}
+"""What is 1 in colours of short integers; long ones mostly hold bytes."""
+_FULL = 2**32 - 1
 
-
-@dataclass
-class _Property:
-    """A property; `count` is the type of a list's length, None for a number."""
-
-    name: str
-    kind: str
-    count: str | None = None
-
-
-@dataclass
-class _Element:
-    name: str
-    size: int
-    properties: list[_Property] = field(default_factory=list)
-
-
-@dataclass
-class _Column:
-    """Values of a property, and for lists how many belong to each."""
-
-    values: list[float] | Floats
-    counts: list[int] | Integers | None
+_Columns = Mapping[str, Column]
 
 
 def read_ply(name: str, data: bytes) -> Mesh:
     """Read a PLY file; `name` is for messages."""
+    data = as_utf8(name, data)
     order, elements, at, line = _read_header(name, data)
-    body = _Binary(name, data, at, order) if order else _Text(name, data, at, line)
-    columns = {
-        element.name: dict(
-            zip((p.name for p in element.properties), body.read(element), strict=True)
-        )
-        for element in elements
-    }
-    for wanted in ("vertex", "face"):
-        if wanted not in columns:
-            raise MeshFileError(name, None, f"no element `{wanted}`")
-    with np.errstate(invalid="ignore"):
-        return _build(name, columns["vertex"], columns["face"])
+    body: Body = BinaryBody(name, data, at, order) if order else TextBody(name, data, at, line)
+    columns: dict[str, _Columns] = {}
+    for element in elements:
+        found = zip((p.name for p in element.properties), body.read(element), strict=True)
+        columns.setdefault(element.name, dict(found))
+    if "vertex" not in columns:
+        raise MeshFileError(name, None, "no element `vertex`")
+    if "face" not in columns and "tristrips" not in columns:
+        raise MeshFileError(name, None, "no element `face`: points without faces are no surface")
+    return _Builder(name, columns["vertex"]).mesh(columns.get("face"), columns.get("tristrips"))
 
 
-def _read_header(name: str, data: bytes) -> tuple[str, list[_Element], int, int]:
+def _read_header(name: str, data: bytes) -> tuple[str, list[Element], int, int]:
     """Return the byte order, the elements, and where the body begins: its byte and its line."""
     if not data.startswith(b"ply"):
         raise MeshFileError(name, "line 1", "a PLY file begins with `ply`")
     order: str | None = None
-    elements: list[_Element] = []
+    elements: list[Element] = []
     at = line = 0
 
     def fail(reason: str) -> NoReturn:
         raise MeshFileError(name, f"line {line}", reason)
 
+    # An old form of line ends is a carriage return alone.
+    first = data[: data.find(b"\n") + 1 or len(data)]
+    newline = b"\r" if b"\r" in first.rstrip(b"\r\n") else b"\n"
     while True:
-        end = data.find(b"\n", at)
+        end = data.find(newline, at)
         if end < 0:
             raise MeshFileError(name, None, "the header has no `end_header`")
         line += 1
@@ -111,24 +97,25 @@ def _read_header(name: str, data: bytes) -> tuple[str, list[_Element], int, int]
                 break
             case ["format", kind, _]:
                 if kind not in _FORMATS:
-                    fail(f"unknown format `{kind}`; expected {', '.join(_FORMATS)}")
+                    fail(f"unknown format `{shown(kind.encode())}`; expected {', '.join(_FORMATS)}")
                 order = _FORMATS[kind]
             case ["element", element, size]:
                 if not (size.isascii() and size.isdigit() and len(size) < 16):
                     fail(f"`{size}` is not a number of elements")
-                elements.append(_Element(element, int(size)))
+                elements.append(Element(element, int(size)))
             case ["property", "list", count, kind, label] if elements:
                 if _TYPES.get(count, "f")[0] == "f" or kind not in _TYPES:
                     fail(f"unknown types `{count} {kind}`")
-                elements[-1].properties.append(_Property(label, _TYPES[kind], _TYPES[count]))
+                elements[-1].properties.append(Property(label, _TYPES[kind], _TYPES[count]))
             case ["property", kind, label] if elements:
                 if kind not in _TYPES:
                     fail(f"unknown type `{kind}`")
-                elements[-1].properties.append(_Property(label, _TYPES[kind]))
+                elements[-1].properties.append(Property(label, _TYPES[kind]))
             case [] | ["ply"] | ["comment" | "obj_info", *_]:
                 pass
             case _:
-                fail(f"`{' '.join(words)}` does not belong in a header")
+                said = shown(" ".join(words).encode())
+                fail(f"`{said}` does not belong in a header")
     if order is None:
         fail("the header has no `format`")
     for e in elements:
@@ -137,170 +124,127 @@ def _read_header(name: str, data: bytes) -> tuple[str, list[_Element], int, int]
     return order, elements, at, line
 
 
-class _Text:
-    """The body of a text file, one line for each element."""
+class _Builder:
+    """Makes a mesh of columns."""
 
-    def __init__(self, name: str, data: bytes, at: int, line: int) -> None:
-        self.name = name
-        self.lines: Iterator[tuple[int, bytes]] = (
-            (k, text) for k, text in enumerate(data[at:].splitlines(), line + 1) if text.strip()
+    def __init__(self, name: str, vertex: _Columns) -> None:
+        self.name, self.vertex = name, vertex
+        self.notes = Notes()
+        points = _numbers(vertex, "x", "y", "z")
+        if points is None:
+            raise MeshFileError(name, None, "vertices have no properties `x`, `y` and `z`")
+        self.points = points
+
+    def mesh(self, face: _Columns | None, strips: _Columns | None) -> Mesh:
+        """Return the mesh of faces and strips."""
+        lists = np.zeros(0), np.zeros(0, np.int64)
+        if face is not None:
+            lists = self._lists("faces", face)
+        corners, counts = self._checked("face", *lists), lists[1]
+        faces = len(counts)
+        if strips is not None:
+            triangles = _cut_strips(*self._lists("tristrips", strips))
+            threes = np.full(len(triangles) // 3, 3)
+            corners = np.concatenate([corners, self._checked("triangle", triangles, threes)])
+            counts = np.concatenate([counts, threes])
+        points = checked_vertices(
+            self.name, self.points, corners, lambda k: f"vertex {k}", self.notes
         )
-        self.last = line
+        uv = _face_uv(face, counts, faces) if face else None
+        for labels in _UV_NAMES if uv is None else ():
+            of_vertices = self._finite("texture coordinates", _numbers(self.vertex, *labels))
+            if of_vertices is not None:
+                uv = of_vertices[corners]
+                break
+        normals = self._finite("normals", _numbers(self.vertex, "nx", "ny", "nz"))
+        colors = self._finite("colours", _colors(self.vertex))
+        of_corners = None if colors is None else colors[corners]
+        painted = _colors(face) if face else None
+        if painted is not None:
+            own = np.full((len(corners), 3), np.nan) if of_corners is None else of_corners
+            own[: int(counts[:faces].sum())] = np.repeat(painted, counts[:faces], axis=0)
+            of_corners = own
+        return make_mesh(
+            points,
+            corners,
+            offsets_of(counts),
+            uv,
+            None if normals is None else normals[corners],
+            of_corners,
+            self.notes,
+        )
 
-    def read(self, element: _Element) -> Sequence[_Column]:
-        """Read the columns of an element."""
-        columns = [_Column([], None if p.count is None else []) for p in element.properties]
-        for done in range(element.size):
-            number, text = next(self.lines, (-1, b""))
-            if number < 0:
-                reason = f"the file ends after {done} of {element.size} `{element.name}`"
-                raise MeshFileError(self.name, f"line {self.last}", reason)
-            self.last = number
-            try:
-                values = list(map(float, text.split()))
-                for column in columns:
-                    n = 1 if column.counts is None else int(values.pop(0))
-                    if not 0 <= n <= len(values):
-                        raise ValueError
-                    column.values += values[:n]
-                    del values[:n]
-                    if column.counts is not None:
-                        column.counts.append(n)  # type: ignore[union-attr]
-            except (ValueError, IndexError, OverflowError):
-                shown = text.decode("latin-1").strip()[:40]
-                reason = f"`{shown}` is not a `{element.name}` as the header says"
-                raise MeshFileError(self.name, f"line {number}", reason) from None
-        return columns
+    def _lists(self, what: str, columns: _Columns) -> tuple[Floats, Integers]:
+        """Return numbers of vertices, and how many each record has."""
+        found = next((columns[k] for k in _INDICES if k in columns), None)
+        if found is None or found.counts is None:
+            raise MeshFileError(self.name, None, f"{what} have no list `{_INDICES[0]}`")
+        return found.values, found.counts
 
+    def _checked(self, what: str, said: Floats, counts: Integers) -> Integers:
+        known = len(self.points)
+        bad = np.flatnonzero(~((said >= 0) & (said < known) & (np.floor(said) == said)))
+        if len(bad):
+            where = np.searchsorted(offsets_of(counts), bad[0], side="right") - 1
+            reason = f"there is no vertex {said[bad[0]]:g}: {known} are given"
+            raise MeshFileError(self.name, f"{what} {where}", reason)
+        return said.astype(np.int64)
 
-class _Binary:
-    """The body of a binary file."""
-
-    def __init__(self, name: str, data: bytes, at: int, order: str) -> None:
-        self.name, self.data, self.at, self.order = name, data, at, order
-
-    def read(self, element: _Element) -> Sequence[_Column]:
-        """Read the columns of an element, at once where all its lists are as long as the first."""
-        try:
-            return self._read_uniform(element)
-        except (_NotUniformError, struct.error):
-            return self._read_one_by_one(element)
-
-    def _read_uniform(self, element: _Element) -> Sequence[_Column]:
-        if not element.size:
-            raise _NotUniformError
-        at = self.at
-        fields: list[tuple[str, str, int]] = []
-        for k, p in enumerate(element.properties):
-            n = 1
-            if p.count is not None:
-                (n,) = struct.unpack_from(self.order + _CODES[p.count], self.data, at)
-                if not 0 <= n <= len(self.data):
-                    raise _NotUniformError
-                at += struct.calcsize(_CODES[p.count])
-                fields.append((f"length {k}", self.order + p.count, 1))
-            fields.append((f"{k}", self.order + p.kind, n))
-            at += n * struct.calcsize(_CODES[p.kind])
-        record = np.dtype([(label, kind, (n,)) for label, kind, n in fields])
-        if self.at + record.itemsize * element.size > len(self.data):
-            raise _NotUniformError
-        rows = np.frombuffer(self.data, record, element.size, self.at)
-        columns = []
-        for k, p in enumerate(element.properties):
-            values = rows[f"{k}"]
-            counts = None
-            if p.count is not None:
-                counts = rows[f"length {k}"].ravel().astype(np.int64)
-                if (counts != values.shape[1]).any():
-                    raise _NotUniformError
-            columns.append(_Column(values.ravel().astype(np.float64), counts))
-        self.at += record.itemsize * element.size
-        return columns
-
-    def _read_one_by_one(self, element: _Element) -> Sequence[_Column]:
-        columns = [_Column([], None if p.count is None else []) for p in element.properties]
-        for done in range(element.size):
-            for p, column in zip(element.properties, columns, strict=True):
-                try:
-                    n = 1
-                    if p.count is not None:
-                        n = int(self._take(_CODES[p.count])[0])
-                        if n < 0:
-                            reason = f"a list of {n} numbers"
-                            raise MeshFileError(self.name, f"byte {self.at}", reason)
-                        column.counts.append(n)  # type: ignore[union-attr]
-                    column.values += self._take(f"{n}{_CODES[p.kind]}")  # type: ignore[operator]
-                except struct.error:
-                    reason = f"the file ends after {done} of {element.size} `{element.name}`"
-                    raise MeshFileError(self.name, f"byte {len(self.data)}", reason) from None
-        return columns
-
-    def _take(self, codes: str) -> tuple[float, ...]:
-        values = struct.unpack_from(self.order + codes, self.data, self.at)
-        self.at += struct.calcsize(self.order + codes)
+    def _finite(self, what: str, values: Floats | None) -> Floats | None:
+        """Return values of vertices; note those that are not finite."""
+        if values is not None:
+            wrong = ~finite_rows(values)
+            if wrong.any():
+                place = f"vertex {int(wrong.argmax())}"
+                self.notes.add(f"left out: {what} that are not finite", place, int(wrong.sum()))
         return values
 
 
-class _NotUniformError(Exception):
-    """The records of an element have different lengths."""
+def _numbers(columns: _Columns, *labels: str) -> Floats | None:
+    """Return the columns of numbers beside each other, None if one is missing."""
+    found = [columns[k] for k in labels if k in columns and columns[k].counts is None]
+    if len(found) < len(labels):
+        return None
+    return np.stack([c.values for c in found], axis=1)
 
 
-def _build(name: str, vertex: Mapping[str, _Column], face: Mapping[str, _Column]) -> Mesh:
-    """Return the mesh of the columns of vertices and faces."""
-
-    def numbers(*labels: str) -> Floats | None:
-        found = [vertex[k] for k in labels if k in vertex and vertex[k].counts is None]
-        if len(found) < len(labels):
-            return None
-        return np.stack([np.asarray(c.values, np.float64) for c in found], axis=1)
-
-    points = numbers("x", "y", "z")
-    if points is None:
-        raise MeshFileError(name, None, "vertices have no properties `x`, `y` and `z`")
-    wrong = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if len(wrong):
-        raise MeshFileError(name, f"vertex {wrong[0]}", "a vertex needs finite numbers")
-    indices = next((face[k] for k in _INDICES if k in face), None)
-    if indices is None or indices.counts is None:
-        raise MeshFileError(name, None, f"faces have no list `{_INDICES[0]}`")
-    counts = np.asarray(indices.counts, np.int64)
-    offsets = offsets_of(counts)
-    few = np.flatnonzero(counts < 3)
-    if len(few):
-        reason = f"a face needs at least 3 corners, not {counts[few[0]]}"
-        raise MeshFileError(name, f"face {few[0]}", reason)
-    corners = np.asarray(indices.values, np.float64)
-    bad = np.flatnonzero(~((corners >= 0) & (corners < len(points)) & (corners // 1 == corners)))
-    if len(bad):
-        where = f"face {np.searchsorted(offsets, bad[0], side='right') - 1}"
-        reason = f"there is no vertex {corners[bad[0]]:g}: {len(points)} are given"
-        raise MeshFileError(name, where, reason)
-    at = corners.astype(np.int64)
-    uv = _face_uv(face, counts)
-    for labels in _UV_NAMES if uv is None else ():
-        of_vertices = numbers(*labels)
-        if of_vertices is not None:
-            uv = of_vertices[at]
-            break
-    normals, colors = numbers("nx", "ny", "nz"), numbers("red", "green", "blue")
-    if colors is not None:
-        # Bytes, unless all are fractions.
-        colors = linear_from_srgb(colors / 255.0 if colors.max(initial=0.0) > 1.0 else colors)
-    return make_mesh(
-        points,
-        at,
-        offsets,
-        uv,
-        None if normals is None else normals[at],
-        None if colors is None else colors[at],
-    )
+def _colors(columns: _Columns) -> Floats | None:
+    """Return linear colours; their type tells what is white."""
+    for labels in _COLOR_NAMES:
+        values = _numbers(columns, *labels)
+        if values is not None:
+            kinds = {columns[k].kind for k in labels}
+            top = _RANGES.get(kinds.pop()) if len(kinds) == 1 else None
+            return linear_from_display(values, _FULL if values.max(initial=0.0) > 2**16 else top)
+    return None
 
 
-def _face_uv(face: Mapping[str, _Column], counts: Integers) -> Floats | None:
+def _face_uv(face: _Columns, counts: Integers, faces: int) -> Floats | None:
     """Return texture coordinates that faces carry in a list, as MeshLab writes them."""
     column = face.get("texcoord")
-    if column is None or column.counts is None or not len(counts):
+    if column is None or column.counts is None or not faces:
         return None
-    if (np.asarray(column.counts, np.int64) != 2 * counts).any():
+    if (column.counts != 2 * counts[:faces]).any():
         return None
-    return np.asarray(column.values, np.float64).reshape(-1, 2)
+    found = np.full((int(counts.sum()), 2), np.nan)
+    found[: len(column.values) // 2] = column.values.reshape(-1, 2)
+    return found
+
+
+def _cut_strips(values: Floats, counts: Integers) -> Floats:
+    """Return the triangles of strips, one after the other; a negative number ends a strip."""
+    if len(values) < 3:
+        return np.zeros(0)
+    # Strips begin with their lists, and behind ends.
+    begins = np.zeros(len(values), np.bool_)
+    first = offsets_of(counts)[:-1]
+    begins[first[first < len(values)]] = True
+    begins[1:] |= values[:-1] < 0.0
+    place = np.arange(len(values))
+    start = np.maximum.accumulate(np.where(begins, place, 0))
+    k = place[:-2]
+    whole = (start[k] == start[k + 2]) & ~(values[k + 2] < 0.0)
+    k = k[whole]
+    odd = (k - start[k]) % 2
+    found: Floats = values[np.stack([k, k + 1 + odd, k + 2 - odd], axis=1)].ravel()
+    return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from pcsg.inputs import read_bytes
 from pcsg.meshfile.glb import read_glb
 from pcsg.meshfile.mesh import Mesh, MeshFileError
 from pcsg.meshfile.obj import read_obj
@@ -33,7 +34,9 @@ def read_mesh(path: str | Path) -> Mesh:
     Raises
     ------
     MeshFileError
-        The file is not there, is damaged, holds no polygons, or is of another kind.
+        The file is damaged, holds no polygons, or is of another kind.
+    UsageError, EnvironmentFault
+        It cannot be read: see `pcsg.inputs`.
     """
     path = Path(path)
     name = str(path)
@@ -41,12 +44,7 @@ def read_mesh(path: str | Path) -> Mesh:
     if reader is None:
         known = ", ".join(READERS)
         raise MeshFileError(name, None, f"the name of a mesh file ends in one of {known}")
-    try:
-        data = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = getattr(error, "strerror", None) or str(error)
-        raise MeshFileError(name, None, reason) from None
-    mesh = reader(name, data)
+    mesh = reader(name, read_bytes(path, "mesh"))
     if not mesh.polygon_count:
-        raise MeshFileError(name, None, "no polygons")
+        raise MeshFileError(name, None, "; ".join(("no polygons", *mesh.notes)))
     return mesh

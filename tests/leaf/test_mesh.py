@@ -17,7 +17,7 @@ from pcsg.graph.nodes import Leaf
 from pcsg.graph.text import to_pcsg
 from pcsg.leaf.bvh import BLOCK_SIZE, WIDTH, build_hierarchy
 from pcsg.leaf.dispatch import leaf_crossings, leaf_inside, leaf_normal, leaf_uv
-from pcsg.leaf.mesh import Mesh, MeshModel, is_closed, mesh_of_arrays
+from pcsg.leaf.mesh import Mesh, MeshModel, mesh_of_arrays
 from pcsg.leaf.registry import ALL, ANY, FIRST, OVERFLOW
 from pcsg.trace.pool import ModelPool
 from pcsg.vec import Ray, Vec3
@@ -272,17 +272,6 @@ def test_what_does_not_fit_is_said() -> None:
     )
 
 
-def test_closed_meshes_are_told_from_open_ones() -> None:
-    faces = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
-    assert is_closed(faces)
-    assert not is_closed(faces[1:])
-    turned = faces.copy()
-    turned[0] = turned[0, ::-1]
-    assert not is_closed(turned)
-    assert is_closed(np.concatenate([faces, faces + 4]))
-    assert is_closed(np.concatenate([faces, faces[:, ::-1]]))
-
-
 @pytest.mark.parametrize("count", [1, 2, 5, 300])
 def test_a_hierarchy_holds_every_item_once(count: int) -> None:
     rng = np.random.default_rng(count)
@@ -376,7 +365,7 @@ def test_meshes_in_python(tmp_path: Path) -> None:
     for args, told in (
         ((), "takes the name of a mesh file"),
         ((3.0,), "takes the name of a mesh file"),
-        ((tmp_path / "none.ply",), "No such file"),
+        ((tmp_path / "none.ply",), "no such file"),
         (([(0, 0)], [(0, 1, 2)]), "shape"),
         (([(0, 0, 0)], [(0, 1, 2)]), "there is no vertex 2: 1 are given"),
         (([(0, 0, 0)], [(0, 1)]), "3 or more"),
@@ -385,3 +374,51 @@ def test_meshes_in_python(tmp_path: Path) -> None:
     ):
         with pytest.raises(UsageError, match=told):
             pcsg.mesh(*args)
+
+
+CORNERS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+FACES = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-9, 1e9])
+def test_facets_that_are_inside_out_are_turned_with_a_warning(scale: float) -> None:
+    corners = (np.array(CORNERS) * scale).tolist()
+    scene = Scene(pcsg.mesh(corners, [FACES[0][::-1], *FACES[1:]]) - pcsg.empty())
+    (warning,) = scene.warnings
+    assert warning.code == "file-mended" and warning.severity == "warning"
+    assert warning.message == "mesh(...): turned round: facets (1 of 4)"
+    assert scene.contains([(0.2 * scale,) * 3, (0.4 * scale,) * 3]).tolist() == [True, False]
+    hits = scene.intersect([(0.2 * scale, 0.2 * scale, -scale)], [(0.0, 0.0, 1.0)])
+    assert hits.normal.tolist() == [[0.0, 0.0, -1.0]]
+
+
+@pytest.mark.parametrize("engine", ["cyclic", "states"])
+def test_a_double_faced_mesh_is_a_sheet_that_is_seen(engine: Any) -> None:
+    both = [face for f in FACES[1:] for face in (f, f[::-1])]
+    scene = Scene(pcsg.mesh(CORNERS, both) | pcsg.empty(), engine=engine)
+    assert scene.warnings == ()
+    rays = [(0.2, 0.2, -1.0), (0.2, 0.2, 2.0)], [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)]
+    assert np.allclose(scene.intersect(*rays).t, [1.6, 1.4])
+    assert not scene.contains([(0.2, 0.2, 0.2)]).any()
+    assert scene.stats()["primitives"] == 3
+
+
+def test_where_a_mesh_is_open_is_told() -> None:
+    opened = pcsg.mesh(CORNERS, FACES[1:])
+    (told,) = Scene(opened).stats()["meshes"]
+    assert told["closed"] is False and told["open_edges"] == 3 and told["triangles"] == 3
+    assert told["open_at"][0] == [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    with pytest.raises(
+        pcsg.GrammarError, match="not closed: 3 of its edges are open, the first from"
+    ):
+        Scene(pcsg.sphere() - opened)
+
+
+def test_what_a_file_leaves_out_is_told_once(tmp_path: Path) -> None:
+    path = tmp_path / "damaged.obj"
+    path.write_text("v 0 0 0 nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    leaf = pcsg.mesh(path)
+    scene = Scene(leaf | pcsg.move(1, 0, 0) * pcsg.mesh(path))
+    assert [w.message.split(": ", 1)[1] for w in scene.warnings] == [
+        "left out: colours that are not finite (line 1)"
+    ]
