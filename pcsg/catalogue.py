@@ -135,6 +135,12 @@ CATALOGUE: dict[str, Mistake] = {
             "In `blob { ... }` stand fields: `point`, `segment`, `cone`, `disc`, `box`, "
             "`convolution`, and modules and definitions that are made of them.",
         ),
+        Mistake(
+            "world-in-blob",
+            _N,
+            "A blob has no place in the world of its own: `worldx`, `wdirx`, `localx` and the like "
+            "stand before it, in a block.",
+        ),
         Mistake("duplicate-name", _N, "Modules and definitions share one name space."),
         Mistake("duplicate-rule", _N, "A module has one rule of each number; labels are unique."),
         Mistake("missing-rule", _N, "The rules of a module are numbered 1, 2, 3... without a gap."),

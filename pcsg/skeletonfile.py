@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,8 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.errors import UsageError
+from pcsg.inputs import read_text
 
 SKELETON_ENDINGS = (".json", ".swc")
+
+
+LARGEST_FILE = 64 * 2**20
+"""Bytes of a file at most: a million nodes."""
+
+LARGEST, SMALLEST = 1e30, 1e-30
+"""Of numbers, and of radii above 0: others lose their meaning in single precision."""
+
+LARGEST_TYPE = 2**31 - 1
+"""Of the types of SWC, which become labels."""
 
 
 class SkeletonRows(NamedTuple):
@@ -36,6 +48,20 @@ class SkeletonRows(NamedTuple):
     tags: dict[str, NDArray[np.int64]]
 
 
+def _odd_number(row: Sequence[float]) -> str | None:
+    """Return what is wrong with the numbers x, y, z, r of a node; None if nothing is."""
+    for value in row:
+        if not abs(value) <= LARGEST:
+            return f"{value:g} is no place and no radius: numbers go up to {LARGEST:g}"
+    return None if not 0.0 < row[3] < SMALLEST else f"the radius {row[3]:g} is too small"
+
+
+def _shown(number: int) -> str:
+    """Return as much of a whole number as a message holds."""
+    text = str(number)
+    return text if len(text) <= 30 else text[:30] + "..."
+
+
 def rows_from_json(data: Any, name: str = "skeleton") -> SkeletonRows:
     """Return the skeleton of a JSON object.
 
@@ -52,7 +78,9 @@ def rows_from_json(data: Any, name: str = "skeleton") -> SkeletonRows:
     try:
         nodes = np.array(data["nodes"], dtype=np.float64)
         edges = np.array(data["edges"], dtype=np.int64)
-        root = int(data.get("root", 0))
+        root = data.get("root", 0)
+        if not isinstance(root, int):
+            raise TypeError
         tags = {str(k): np.array(v, dtype=np.int64) for k, v in data.get("tags", {}).items()}
     except (TypeError, ValueError, AttributeError, OverflowError):
         raise UsageError(
@@ -62,6 +90,12 @@ def rows_from_json(data: Any, name: str = "skeleton") -> SkeletonRows:
         raise UsageError(f"{name}: every node is a list [x, y, z, r]")
     if edges.ndim != 2 or edges.shape[1] != 2:
         raise UsageError(f"{name}: every edge is a pair [a, b]")
+    for tag, numbers in tags.items():
+        if numbers.shape != (len(edges),):
+            raise UsageError(f"{name}: the tag `{tag[:40]}` has one number for each edge")
+    for k, row in enumerate(nodes.tolist()):
+        if wrong := _odd_number(row):
+            raise UsageError(f"{name}: node {k}: {wrong}")
     return SkeletonRows(nodes[:, :3], nodes[:, 3], edges, root, tags)
 
 
@@ -85,8 +119,12 @@ def rows_from_swc(text: str, name: str = "skeleton") -> SkeletonRows:
             raise UsageError(
                 f"{name}, line {n}: expected the 7 numbers id type x y z radius parent"
             ) from None
+        if wrong := _odd_number(values):
+            raise UsageError(f"{name}, line {n}: {wrong}")
+        if abs(kind) > LARGEST_TYPE:
+            raise UsageError(f"{name}, line {n}: the type {_shown(kind)} is too large")
         if ident in rows:
-            raise UsageError(f"{name}, line {n}: the id {ident} is there already")
+            raise UsageError(f"{name}, line {n}: the id {_shown(ident)} is there already")
         rows[ident] = kind, values, above, n
     number = {ident: k for k, ident in enumerate(rows)}
     edges, labels, roots = [], [], []
@@ -94,7 +132,7 @@ def rows_from_swc(text: str, name: str = "skeleton") -> SkeletonRows:
         if above < 0:
             roots.append(ident)
         elif above not in number:
-            raise UsageError(f"{name}, line {n}: there is no node {above}")
+            raise UsageError(f"{name}, line {n}: there is no node {_shown(above)}")
         else:
             edges.append((number[above], number[ident]))
             labels.append(kind)
@@ -135,10 +173,15 @@ def load_rows(path: Path) -> SkeletonRows:
     UsageError
         The file is not there or not a skeleton.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"{path}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"{path}: not a text file") from None
-    return parse_rows(text, str(path))
+    return parse_rows(read_skeleton_text(path), str(path))
+
+
+def read_skeleton_text(path: Path) -> str:
+    """Return the text of a skeleton's file.
+
+    Raises
+    ------
+    UsageError
+        It cannot be read.
+    """
+    return read_text(path, "skeleton", LARGEST_FILE)

@@ -66,10 +66,18 @@ def find_boxes(root: Field) -> dict[int, tuple[Corners, Corners]]:
     """Return boxes of support and of skeletons by the identity of every node below the root.
 
     Skeletons are not cut by operators: their top is the range of a warp.
+
+    Raises
+    ------
+    UsageError
+        One reaches farther than `LARGEST`.
     """
     found: dict[int, tuple[Corners, Corners]] = {}
     for node in below(root):
-        found[id(node)] = _box_of(node, found)
+        support, core = found[id(node)] = _box_of(node, found)
+        reach = np.abs(np.stack([support[0], support[1], core[0], core[1]]))
+        if not is_empty(support) and not reach.max() < LARGEST:
+            raise UsageError(f"a part reaches farther than {LARGEST:g}, or its size is no number")
     return found
 
 

@@ -346,7 +346,8 @@ def place(matrix: ArrayLike, child: Field) -> Field:
         Takes the child's coordinates to those outside.
     """
     m = np.asarray(matrix, np.float64).reshape(3, 4)
-    if not np.all(np.isfinite(m)) or abs(np.linalg.det(m[:, :3])) < 1e-300:
+    # The determinant of larger numbers may be beyond all numbers.
+    if not np.abs(m).max() < 1e90 or abs(np.linalg.det(m[:, :3])) < 1e-300:
         raise UsageError("place: the matrix must be finite and not singular")
     return Placed(m, child)
 

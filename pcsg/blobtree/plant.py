@@ -10,8 +10,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg import inputs
 from pcsg.blobtree.lsystem import LSystem
-from pcsg.blobtree.lsystemfile import LSystemText, plain_lines, read_lines, told
+from pcsg.blobtree.lsystemfile import (
+    LARGEST_TEXT,
+    LSystemText,
+    plain_lines,
+    read_lines,
+    told,
+)
 from pcsg.blobtree.nodes import Field, color, place, polygon, union
 from pcsg.blobtree.plantsettings import Settings, read_settings
 from pcsg.blobtree.tree import grow
@@ -20,6 +27,9 @@ from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, EnvironmentFault, Source, SourceSpan, UsageError
 
 Array = NDArray[np.float64]
+
+LARGEST_FILE = 4 * LARGEST_TEXT
+"""Bytes of a file at most."""
 
 MODULES_PER_PART = 20
 """A string may have this many modules for each part that a plant may have."""
@@ -33,22 +43,6 @@ LEAF_OUTLINE = np.array(
 """A leaf along x, of length 1."""
 
 
-def read_plain(path: Path) -> str:
-    """Return the text of a file that a grammar names.
-
-    Raises
-    ------
-    UsageError
-        It cannot be read.
-    """
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise UsageError(f"there is no file `{path.name}`") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"cannot read `{path.name}`: {error}") from None
-
-
 def read_text(path: Path) -> str:
     """Return the text of an L-system's file, after a look at its lines.
 
@@ -57,7 +51,7 @@ def read_text(path: Path) -> str:
     UsageError
         It cannot be read, or a line is not understood.
     """
-    text = read_plain(path)
+    text = inputs.read_text(path, "L-system", LARGEST_FILE)
     _read(text, path.name, 0, {})
     return text
 

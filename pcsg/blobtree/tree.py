@@ -41,6 +41,9 @@ Colour = tuple[float, float, float]
 SMOOTH, CONTACT, AGED = "smooth", "contact", "aged"
 MODES = (SMOOTH, CONTACT, AGED)
 
+LEAST_BEND = 1e-6
+"""Degrees; less is none."""
+
 SHORTEST = 0.05
 """What is left of an internode's length at least."""
 
@@ -259,7 +262,7 @@ def _coordinates(plan: _Plan, k: NDArray[np.int64]) -> NDArray[np.float32]:
 
 
 def _is_bent(plan: _Plan, k: int) -> bool:
-    if plan.j.bend == 0.0 or not plan.s.lateral[k] or plan.s.parent[k] < 0:
+    if abs(plan.j.bend) < LEAST_BEND or not plan.s.lateral[k] or plan.s.parent[k] < 0:
         return False
     return bool(np.linalg.norm(np.cross(plan.axis[k], plan.axis[plan.s.parent[k]])) > 0.05)
 

@@ -40,8 +40,11 @@ Vector = tuple[float, float, float]
 COMMANDS = frozenset("FfG+-&^/\\|$[]!'%L{}.")
 """Modules that the turtle knows."""
 
-LARGEST = 1e100
-"""A coordinate beyond has no square."""
+LARGEST = 1e30
+"""Coordinates, widths and sizes beyond lose their meaning in single precision."""
+
+SMALLEST = 1e-30
+"""Of widths."""
 
 MOST_PARTS = 25_000
 """Internodes, leaves and triangles at most, where a file does not ask for more: some seconds."""
@@ -176,6 +179,8 @@ def draw(
     polygons: list[Polygon] = []
     outlines: list[_Outline] = []
     triangles = 0
+    if not SMALLEST <= width <= LARGEST:
+        raise UsageError(f"the constant `width` must be > 0, not {width:g}")
     s = _State((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), width, 0, -1,
                False)  # fmt: skip
     stack: list[_State] = []
@@ -218,8 +223,9 @@ def draw(
             s = _level(s)
         elif symbol == "!":
             w = s.width * thinning if first is None else first
-            if w <= 0.0:
-                raise UsageError(f"!({w:g}): a width must be > 0")
+            if not SMALLEST <= w <= LARGEST:
+                wrong = "a width must be > 0" if w <= 0.0 else "no such width can be drawn"
+                raise UsageError(f"!({w:g}): {wrong}")
             if s.own and s.last >= 0:
                 tops[s.last] = min(tops[s.last], w)
             s = s._replace(width=w)
@@ -243,6 +249,8 @@ def draw(
             cut, was_cut = 1, True
         elif symbol == "L":
             size = 1.0 if first is None else first
+            if abs(size) > LARGEST:
+                raise UsageError(f"L({size:g}): no such leaf can be drawn")
             leaves.append((s.place, (s.heading, s.left, s.up), size, s.colour))
         elif symbol == "{":
             outlines.append(_Outline(s.place))

@@ -10,7 +10,8 @@ from pathlib import Path
 import typer
 
 from pcsg.commands.guard import say
-from pcsg.commands.mesh import Input, open_skeleton
+from pcsg.commands.mesh import Input, memory_limit, open_skeleton
+from pcsg.commands.progress import show_share
 from pcsg.errors import UsageError
 
 
@@ -26,6 +27,8 @@ class ComposeArguments:
         Trees whose subtrees are used too.
     output
         Name of the results; a number goes before its ending.
+    max_memory
+        Of a surface.
     """
 
     file: Path
@@ -35,6 +38,7 @@ class ComposeArguments:
     seed: int
     depth: int
     p_replace: float
+    max_memory: str | None
     quiet: bool
     json: bool
 
@@ -45,6 +49,7 @@ def run(arguments: ComposeArguments) -> None:
     from pcsg.skeletonfile import SKELETON_ENDINGS
     from pcsg.treemesh import save_skeleton, tree_surface
     from pcsg.treemesh.composition import CompositionOptions, compose
+    from pcsg.treemesh.estimate import check_memory
     from pcsg.treemesh.files import WRITERS
     from pcsg.treemesh.library import Library
 
@@ -61,10 +66,12 @@ def run(arguments: ComposeArguments) -> None:
         library.add(open_skeleton(Input(source, resample=False))[0], source.stem)
     options = CompositionOptions(depth=arguments.depth, p_replace=arguments.p_replace)
     for k, file in enumerate(files):
-        skel = compose(template, library, arguments.seed + k, options)
+        with show_share(file.name, arguments.quiet or arguments.json) as report:
+            skel = compose(template, library, arguments.seed + k, options, report)
         if file.suffix.lower() in SKELETON_ENDINGS:
             save_skeleton(skel, file)
         else:
+            check_memory(skel, None, memory_limit(arguments.max_memory))
             tree_surface(skel).save(file)
         if arguments.json:
             summary = {"file": str(file), "seed": arguments.seed + k, "segments": skel.n_edges}

@@ -190,6 +190,7 @@ def compose(
     seed: Annotated[int, typer.Option(help="Of the first tree; the others count on.")] = 0,
     depth: Annotated[int, typer.Option(help="Replacements within replacements.")] = 2,
     replace: Annotated[float, typer.Option(help="Probability that a branch is replaced.")] = 0.7,
+    max_memory: MaxMemory = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -205,6 +206,7 @@ def compose(
             seed=seed,
             depth=depth,
             p_replace=replace,
+            max_memory=max_memory,
             quiet=quiet,
             json=json,
         )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from pcsg.commands.guard import say
-from pcsg.commands.options import parse_assignments
+from pcsg.commands.options import parse_assignments, parse_memory
 from pcsg.commands.scenes import open_scene
 from pcsg.errors import UsageError
 
@@ -33,8 +33,10 @@ class Input:
     ----------
     file
         A mesh, a skeleton or a grammar; its ending says which.
-    assignments, seed, time, include, max_memory
+    assignments, seed, time, include
         For grammars.
+    max_memory
+        Of the surface, and of a grammar's rays.
     largest_only, reach
         For meshes of several parts.
     resample
@@ -103,6 +105,7 @@ def run_mesh(given: Input, wanted: Output) -> None:
     from pcsg.machine import compiling_notice
     from pcsg.outputs import check_output, write_whole
     from pcsg.treemesh import SurfaceOptions, restore_offsets, tree_surface
+    from pcsg.treemesh.estimate import check_memory
     from pcsg.treemesh.files import WRITERS, report_text
     from pcsg.treemesh.projection import project_range
     from pcsg.treemesh.pruning import extend_foot
@@ -127,6 +130,7 @@ def run_mesh(given: Input, wanted: Output) -> None:
     if not (wanted.quiet or is_cached(project_range)):
         say(compiling_notice("some ten seconds"))
     skel, notes = open_skeleton(given)
+    check_memory(skel, options, memory_limit(given.max_memory))
     surf = tree_surface(extend_foot(skel) if wanted.foot else skel, options)
     if wanted.offsets:
         surf = restore_offsets(surf, given.file)
@@ -140,6 +144,14 @@ def run_mesh(given: Input, wanted: Output) -> None:
         write_whole(wanted.report, lambda out: out.write(text.encode()))
         files.append(wanted.report)
     _tell(surf, files, notes, wanted)
+
+
+def memory_limit(text: str | None) -> int:
+    """Return the bytes that ``--max-memory`` allows, by default half of the machine's."""
+    from pcsg.render.options import half_of_memory
+
+    limit = parse_memory(text)
+    return half_of_memory() if limit is None else limit
 
 
 def _write_contour(given: Input, wanted: Output, file: Path) -> None:
@@ -230,12 +242,13 @@ def _is_species(file: Path) -> bool:
     """Return whether a file is a growing tree's, or its name that of a shipped one."""
     from pcsg.growth.leaf import is_species
     from pcsg.growth.species import shipped
+    from pcsg.inputs import read_bytes
 
     if str(file) in shipped():
         return True
     if file.suffix.lower() != ".json" or not file.is_file():
         return False
-    return is_species(file.read_text("utf-8", errors="replace"))
+    return is_species(read_bytes(file, "skeleton").decode("utf-8", errors="replace"))
 
 
 def _grown(given: Input) -> Skeleton:

@@ -10,6 +10,7 @@ from pcsg.errors import Diagnostic, SourceSpan, UsageError, suggest
 from pcsg.grammar import syntax
 from pcsg.grammar.fields import FIELD_BLENDS, FIELD_PRIMITIVES, FIELD_UNARY, field_names
 from pcsg.grammar.names import Names
+from pcsg.grammar.places import check_part_places, check_places
 from pcsg.grammar.syntax import Arguments, Solid
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.expr import Apply, Expr, Parameter, operands, postorder
@@ -67,6 +68,7 @@ def check_names(names: Names) -> list[Diagnostic]:
         for part, in_blob in _parts_with_meaning(body, of_fields):
             if in_blob:
                 problems += check_field(part, names, fields)
+                problems += check_part_places(part)
                 if isinstance(part, (syntax.Use, syntax.Primitive, syntax.BlendUse)):
                     continue
                 if isinstance(part, syntax.Unary) and part.name in FIELD_UNARY:
@@ -76,6 +78,8 @@ def check_names(names: Names) -> list[Diagnostic]:
         selections = [entry.declaration.select] if entry.declaration else []
         conditions = [r.condition for r in entry.attributed if r.condition is not None]
         problems += check_numbers([*selections, *conditions])
+        if entry.name in fields:
+            problems += check_places([*selections, *conditions], entry.span)
     return [*problems, *_definition_cycles(names)]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -25,6 +26,15 @@ NUMBER: /-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?/
 WORD: "true" | "false" | "null"
 %ignore /[ \t\r\n]+/
 """
+
+
+DEEPEST = 40
+"""Brackets within each other at most; species need five."""
+
+_BRACKETS = re.compile(r'"(?:[^"\\\n]|\\.)*"|[][{}]')
+
+LONGEST_INTEGER = 300
+"""Digits of a whole number; longer ones are beyond all ranges, and infinite."""
 
 
 @dataclass(frozen=True)
@@ -63,12 +73,29 @@ def read_json(text: str, name: str) -> Located:
         Something else stands there.
     """
     source = Source(name, text)
+    if (deep := _too_deep(text)) is not None:
+        what = f"brackets within brackets, more than {DEEPEST}"
+        span = SourceSpan(source, deep, deep + 1)
+        raise GrammarError([diagnose("bad-species", what, span, expected="an object with keys")])
     try:
         tree = _parser().parse(text)
     except UnexpectedInput as e:
         raise GrammarError([_complain(source, e)]) from None
     found: Located = _Values(source).transform(tree)
     return found
+
+
+def _too_deep(text: str) -> int | None:
+    """Return the offset of a bracket that stands too deep; None if none does."""
+    depth = 0
+    for match in _BRACKETS.finditer(text):
+        if match[0] in "{[":
+            depth += 1
+            if depth > DEEPEST:
+                return match.start()
+        elif match[0] in "}]":
+            depth -= 1
+    return None
 
 
 @cache
@@ -104,7 +131,15 @@ class _Values(Transformer[Token, Located]):
         start = token.start_pos or 0
         return Located(json.loads(token), SourceSpan(self.source, start, start + len(token)), {})
 
-    TEXT = NUMBER = WORD = _token
+    TEXT = WORD = _token
+
+    def NUMBER(self, token: Token) -> Located:  # noqa: N802 -- the name of the terminal
+        found = self._token if len(token) <= LONGEST_INTEGER else self._long_number
+        return found(token)
+
+    def _long_number(self, token: Token) -> Located:
+        start = token.start_pos or 0
+        return Located(float(token), SourceSpan(self.source, start, start + len(token)), {})
 
     def pair(self, _: Meta, children: list[Located]) -> tuple[Located, Located]:
         key, value = children

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.errors import UsageError
 from pcsg.growth.chance import AZIMUTH, HEADING, SIDEWAYS, derive, normal
 from pcsg.growth.lengths import Order
 from pcsg.growth.seasons import elongation, fading
@@ -33,6 +34,25 @@ SCAR_YEARS = 10.0
 
 _STRAIGHT = 0.05
 """Below this sine between a branch and its target, its axis of bending turns to a sure one."""
+
+
+MOST_NODES = 400_000
+"""Internodes of a tree at most; three times a cottonwood of 27 years."""
+
+
+def check_nodes(count: int, now: Instant) -> None:
+    """Refuse a tree of too many internodes.
+
+    Raises
+    ------
+    UsageError
+        With what makes it smaller.
+    """
+    if count > MOST_NODES:
+        raise UsageError(
+            f"the tree has more than {MOST_NODES:,} internodes at t = {now.t:g}; an earlier time, "
+            "a larger `smin` or fewer metamers in `G_m` makes it smaller"
+        )
 
 
 @dataclass(frozen=True)
@@ -237,6 +257,7 @@ def _draw_shoots(
     grows = year == now.year
 
     # Metamers, those that have begun to elongate.
+    check_nodes(int(m.sum()), now)
     shoot = np.repeat(np.arange(len(branch)), m)
     j = np.arange(len(shoot)) - np.repeat(np.cumsum(m) - m, m) + 1
     share = j / m[shoot]

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.errors import UsageError
 from pcsg.growth.species import Species
 
 Floats = NDArray[np.float64]
@@ -18,6 +19,12 @@ Ints = NDArray[np.int64]
 
 NEVER = 1 << 30
 """Year of death of what does not die."""
+
+MOST_BUDS = 1_500_000
+"""Of an order, from which its laterals grow."""
+
+MOST_YEARS = 5_000_000
+"""Years of all branches together, of which a table is made."""
 
 
 @dataclass(frozen=True)
@@ -63,14 +70,29 @@ class Order:
 
 
 def grow_orders(species: Species) -> tuple[Order, ...]:
-    """Return all branches by order, the trunk first."""
+    """Return all branches by order, the trunk first.
+
+    Raises
+    ------
+    UsageError
+        There are too many.
+    """
     orders = [_grow_trunk(species)]
+    left = MOST_YEARS
     while len(orders) <= species.order_max:
-        below = _grow_laterals(species, orders[-1], len(orders))
+        below = _grow_laterals(species, orders[-1], len(orders), left)
         if not len(below):
             break
         orders.append(below)
+        left -= below.lengths.size
     return tuple(orders)
+
+
+def _refuse(order: int) -> UsageError:
+    return UsageError(
+        f"the species has too many branches of order {order}; a larger `smin`, fewer metamers in "
+        "`G_m`, a lower `ymax` or `order_max` makes it smaller"
+    )
 
 
 def _times(species: Species) -> Floats:
@@ -96,8 +118,8 @@ def _grow_trunk(species: Species) -> Order:
     )
 
 
-def _grow_laterals(species: Species, parents: Order, order: int) -> Order:
-    """Return the branches of the next order."""
+def _grow_laterals(species: Species, parents: Order, order: int, most: int) -> Order:
+    """Return the branches of the next order, whose years are at most so many together."""
     curves, years = species.curves, species.ymax
     # One row for every metamer of every shoot on which a lateral may sit.
     year = np.arange(years + 1)
@@ -105,6 +127,8 @@ def _grow_laterals(species: Species, parents: Order, order: int) -> Order:
     p, b = np.nonzero(bears & (parents.metamers > 0))
     m = parents.metamers[p, b]
     before = np.cumsum(parents.metamers, axis=1)[p, b] - m
+    if m.sum() > MOST_BUDS:
+        raise _refuse(order)
     rows = np.repeat(np.arange(len(m)), m)
     j = np.arange(len(rows)) - np.repeat(np.cumsum(m) - m, m) + 1
     p, b, metamer = p[rows], b[rows], before[rows] + j
@@ -116,6 +140,8 @@ def _grow_laterals(species: Species, parents: Order, order: int) -> Order:
     kept = scale >= species.smin
     p, b, metamer, along = p[kept], b[kept], metamer[kept], along[kept]
     place, scale = place[kept], scale[kept]
+    if len(p) * (years + 1) > most:
+        raise _refuse(order)
     age = np.maximum(1, np.rint(curves["G_a"](scale)).astype(np.int64))  # (11)
     lengths = _lateral_lengths(species, parents.lengths[p], b, place, scale, order)
     return Order(

@@ -16,6 +16,7 @@ from pcsg.growth.chance import derive
 from pcsg.growth.geometry import (
     Drawn,
     Instant,
+    check_nodes,
     draw_order,
     instant,
     seats_of,
@@ -143,7 +144,13 @@ class GrowthModel:
         return np.asarray(self.caps[order][rows, year] * thickness(self.species, length - along))
 
     def at(self, t: float) -> State:
-        """Return the tree at a time in (0, ymax] years."""
+        """Return the tree at a time in (0, ymax] years.
+
+        Raises
+        ------
+        UsageError
+            The time is no such one, or the tree has too many internodes then.
+        """
         if not 0.0 < t <= self.species.ymax:
             raise UsageError(f"a time lies in (0, {self.species.ymax}] years, not at {t:g}")
         now = instant(t)
@@ -155,6 +162,7 @@ class GrowthModel:
             if not len(new.rows):
                 break
             drawn.append(new)
+            check_nodes(sum(len(d.branch) for d in drawn), now)
             of_parent = np.full(len(order), -1)
             alive = len(new.rows) - new.ghosts
             of_parent[new.rows[:alive]] = np.arange(alive)

@@ -19,6 +19,7 @@ from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, GrammarError, SourceSpan, UsageError, suggest
 from pcsg.growth.curves import KINDS, Curve
 from pcsg.growth.document import Located, read_json
+from pcsg.inputs import read_text
 
 
 def _number(default: float, low: float, high: float, unit: str = "") -> Any:
@@ -116,6 +117,9 @@ class Bark:
     young: tuple[float, float, float] = field(default=(0.28, 0.24, 0.13), metadata={"rgb": True})
 
 
+LARGEST_FILE = 2**20
+"""Bytes of a file at most."""
+
 CURVES: dict[str, tuple[tuple[float, float], ...]] = {
     "G_h": ((0, 0), (0.1, 0.10), (0.25, 0.32), (0.5, 0.64), (0.75, 0.86), (1, 1)),
     "G_s1": ((0, 0.16), (0.3, 0.20), (0.6, 0.18), (0.85, 0.12), (1, 0.05)),
@@ -132,6 +136,9 @@ CURVES: dict[str, tuple[tuple[float, float], ...]] = {
     "G_o2": ((0, -2), (0.2, -13), (0.45, -11), (0.7, 4), (1, 30)),
 }
 """Curves of a species and their defaults; headings in degrees, G_a in years, others are shares."""
+
+LEAST_STEP = 1e-6
+"""Between the points of a curve: nearer ones would make it a jump."""
 
 STEPS = ("g_int", "g_leaf", "g_bud", "g_fall", "g_col")
 """Growth curves within a year, from (0, 0) to (1, 1); the step of fifth order by default."""
@@ -217,16 +224,11 @@ def species_text(what: str | Path) -> tuple[str, str]:
     if name in shipped():
         file = resources.files("pcsg.growth") / "data" / f"{name}.json"
         return f"{name}.json", file.read_text("utf-8")
-    try:
-        return name, Path(what).read_text("utf-8")
-    except FileNotFoundError:
+    if not Path(what).exists():
         hint = suggest(Path(name).name, shipped())
         known = f"there is no file `{name}`, and the species that come along are "
-        raise UsageError(f"{known}{', '.join(shipped())}" + (f"; {hint}" if hint else "")) from None
-    except UnicodeDecodeError:
-        raise UsageError(f"`{name}` is not UTF-8 text") from None
-    except OSError as e:
-        raise UsageError(f"`{name}` cannot be read: {e.strerror}") from None
+        raise UsageError(f"{known}{', '.join(shipped())}" + (f"; {hint}" if hint else ""))
+    return name, read_text(what, "species", LARGEST_FILE)
 
 
 def read_species(text: str, name: str = "<text>") -> Species:
@@ -355,8 +357,8 @@ class _Reader:
                     point.span,
                     "curves reach from 0 to 1",
                 )
-            elif x <= last:
-                self.complain("x does not increase", point.span, f"x above {last:g}")
+            elif x < last + LEAST_STEP:
+                self.complain("x does not increase", point.span, f"x above {last + LEAST_STEP:g}")
             if not low <= y <= high:
                 self.complain(
                     f"y of `{name}` is out of range", point.span, f"from {low:g} to {high:g}"

@@ -42,7 +42,7 @@ from pcsg.leaf.registry import (
     Solid,
     leaf,
 )
-from pcsg.skeletonfile import SKELETON_ENDINGS, parse_rows
+from pcsg.skeletonfile import SKELETON_ENDINGS, parse_rows, read_skeleton_text
 from pcsg.vec import Ray, Vec3
 
 if TYPE_CHECKING:
@@ -275,7 +275,7 @@ class Blob(Solid):
 
     @classmethod
     def read_constant(cls, text: str, folder: Path) -> BlobSource:
-        from pcsg.blobtree.plant import read_plain, read_text
+        from pcsg.blobtree.plant import read_text
 
         path = folder / text
         key: tuple[object, ...] = (path,)
@@ -285,7 +285,7 @@ class Blob(Solid):
         found = _READ.get(key)
         if found is None:
             if path.suffix.lower() in SKELETON_ENDINGS:
-                found = SkeletonSource(read_plain(path), text)
+                found = SkeletonSource(read_skeleton_text(path), text)
             else:
                 found = PlantSource(read_text(path), text)
             _READ[key] = found

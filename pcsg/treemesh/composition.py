@@ -6,6 +6,7 @@ are ours.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from pcsg.errors import UsageError
 from pcsg.treemesh.editing import detach, rotation, subtree
 from pcsg.treemesh.library import Entry, Library, frame, longest_path
 from pcsg.treemesh.pruning import branch_orders
-from pcsg.treemesh.skeleton import Floats, Skeleton
+from pcsg.treemesh.skeleton import Floats, Ints, Skeleton
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ def compose(
     library: Library,
     seed: int = 0,
     options: CompositionOptions | None = None,
+    report: Callable[[int, int], None] | None = None,
 ) -> Skeleton:
     """Return a tree made after a template from the subtrees of a library.
 
@@ -67,6 +69,8 @@ def compose(
     ----------
     seed
         The same seed gives the same tree.
+    report
+        Called with the number of nodes that are done, and of those that there are by now.
 
     Raises
     ------
@@ -90,7 +94,11 @@ def compose(
     depth_of = {skel.root: o.depth}
     next_ident = skel.n_nodes
     todo = [skel.root]
+    done = 0
     while todo:
+        done += 1
+        if report is not None:
+            report(done, max(done + len(todo), skel.n_nodes))
         node = int(np.flatnonzero(ident == todo.pop(0))[0])
         left = depth_of[int(ident[node])]
         for child in _children(skel, ident, node):
@@ -207,16 +215,31 @@ def collides(rest: Skeleton, at: int, part: Skeleton) -> bool:
     far = ~(rest.edges == at).any(axis=1)
     if not far.any():
         return False
-    distance = segment_distances(
-        rest.pos[rest.edges[far, 0]],
-        rest.pos[rest.edges[far, 1]],
-        part.pos[part.edges[:, 0]],
-        part.pos[part.edges[:, 1]],
-    )
-    thick = rest.radius[rest.edges[far]].max(axis=1)
+    edges = rest.edges[far]
+    thick = rest.radius[edges].max(axis=1)
     # The first segment begins inside its joint, as thick as it ends.
     own = np.minimum(part.radius[part.edges].max(axis=1), _outer(part))
-    return bool((distance < thick[:, None] + own).any())
+    ends, others = rest.pos[edges], part.pos[part.edges]
+    k, j = _near_pairs(_boxes(ends, thick), _boxes(others, own))
+    distance = segment_distances(ends[k, 0], ends[k, 1], others[j, 0], others[j, 1])
+    return bool((distance < thick[k] + own[j]).any())
+
+
+def _boxes(ends: Floats, radius: Floats) -> tuple[Floats, Floats]:
+    """Return lower and upper corners (n, 3) of the boxes of limbs with ends (n, 2, 3)."""
+    r = (1.0 + 1e-9) * radius[:, None]
+    return ends.min(axis=1) - r, ends.max(axis=1) + r
+
+
+def _near_pairs(a: tuple[Floats, Floats], b: tuple[Floats, Floats]) -> tuple[Ints, Ints]:
+    """Return the numbers of all pairs of boxes that touch: only these limbs can touch."""
+    near = np.flatnonzero(((a[0] <= b[1].max(axis=0)) & (b[0].min(axis=0) <= a[1])).all(axis=1))
+    touch = np.ones((len(near), len(b[0])), np.bool_)
+    for axis in range(3):
+        low, high = a[0][near, axis, None], a[1][near, axis, None]
+        touch &= (low <= b[1][:, axis]) & (b[0][:, axis] <= high)
+    k, j = np.nonzero(touch)
+    return near[k], j
 
 
 def _outer(part: Skeleton) -> Floats:
@@ -229,9 +252,8 @@ def _outer(part: Skeleton) -> Floats:
 
 
 def segment_distances(p0: Floats, p1: Floats, q0: Floats, q1: Floats) -> Floats:
-    """Return the distances of all pairs of segments (n, m) (Ericson 2005, section 5.1.9)."""
-    d1, d2 = (p1 - p0)[:, None], (q1 - q0)[None]
-    r = p0[:, None] - q0[None]
+    """Return the distances (n,) of segments p and q, each of ends (n, 3) (Ericson 2005, 5.1.9)."""
+    d1, d2, r = p1 - p0, q1 - q0, p0 - q0
     a = np.maximum((d1 * d1).sum(-1), 1e-300)
     e = np.maximum((d2 * d2).sum(-1), 1e-300)
     f, c, b = (d2 * r).sum(-1), (d1 * r).sum(-1), (d1 * d2).sum(-1)
@@ -241,5 +263,5 @@ def segment_distances(p0: Floats, p1: Floats, q0: Floats, q1: Floats) -> Floats:
     t = np.clip((b * s + f) / e, 0.0, 1.0)
     s = np.clip((b * t - c) / a, 0.0, 1.0)
     t = np.clip((b * s + f) / e, 0.0, 1.0)
-    gap = r + s[..., None] * d1 - t[..., None] * d2
+    gap = r + s[:, None] * d1 - t[:, None] * d2
     return np.asarray(np.linalg.norm(gap, axis=-1))

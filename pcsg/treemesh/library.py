@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pcsg.errors import UsageError
+from pcsg.inputs import read_text
 from pcsg.outputs import check_output, write_whole
 from pcsg.treemesh.editing import subtree
 from pcsg.treemesh.files import skeleton_from_json, skeleton_to_json
@@ -150,7 +151,7 @@ class Library:
         """
         path = Path(path)
         try:
-            data: Any = json.loads(path.read_text(encoding="utf-8"))
+            data: Any = json.loads(read_text(path, "library"))
             rows: Iterable[Any] = data["library"]
             return cls(
                 [
@@ -162,9 +163,7 @@ class Library:
                     for row in rows
                 ]
             )
-        except OSError as error:
-            raise UsageError(f"{path}: {error.strerror or error}") from None
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             if isinstance(error, UsageError):
                 raise
             raise UsageError(f"{path}: not a library of subtrees") from None

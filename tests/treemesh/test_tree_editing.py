@@ -208,7 +208,8 @@ def _left(tree: Skeleton, joint: int) -> float:
 def test_composition_avoids_collisions() -> None:
     rng = np.random.default_rng(2)
     p, q = rng.normal(size=(2, 6, 3)), rng.normal(size=(2, 7, 3))
-    found = segment_distances(p[0], p[1], q[0], q[1])
+    i, j = np.divmod(np.arange(42), 7)
+    found = segment_distances(p[0, i], p[1, i], q[0, j], q[1, j]).reshape(6, 7)
     t = np.linspace(0, 1, 201)
     for i in range(6):
         a = p[0, i] + t[:, None] * (p[1, i] - p[0, i])
