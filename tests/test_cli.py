@@ -10,6 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+import pcsg
 from pcsg.cli import app
 from pcsg.commands import guard as guarding
 from pcsg.commands.options import (
@@ -122,6 +123,39 @@ def test_assignments_and_settings():
     }
     assert parse_setting("ground", "material=grass z=-1") == {"material": "grass", "z": -1.0}
     assert parse_setting("sky", "kind=none") == {"kind": "none"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "eye=6,-8,4 target=auto fov=30",
+        "eye = (6, -8, 4); target = auto; fov = 30;",
+        "{ eye = ( 6, -8, 4 ), target = auto, fov = 30 }",
+        "eye = 6, -8, 4, target = auto, fov = 30",
+        "eye=6,-8,4;target=auto;fov=30",
+    ],
+)
+def test_settings_are_spelled_alike_in_grammars_and_commands(text):
+    expected = {"eye": (6.0, -8.0, 4.0), "target": None, "fov": 30.0}
+    assert parse_setting("camera", text) == expected
+    if ";" in text or ", t" in text:
+        block = text if text.startswith("{") else f"{{ {text} }}"
+        (camera,) = pcsg.loads(f"sphere camera {block}").setting_values("camera")
+        assert {key: camera[key] for key in expected} == expected
+
+
+@pytest.mark.parametrize("name", ["a = b,c.hdr", "sky (1);2.hdr"])
+def test_texts_in_quotes_are_taken_as_they_are(name):
+    assert parse_setting("sky", f'file="{name}" kind=image') == {"file": name, "kind": "image"}
+    assert parse_setting("sky", "file=a,b;(1).hdr") == {"file": "a,b;(1).hdr"}
+
+
+@pytest.mark.parametrize(
+    "text", ["eye=1,2", "eye=1,2,3,4", "eye=(1,2", "eye", "fov=", "= 3", "; x"]
+)
+def test_settings_that_are_none_are_refused(text):
+    with pytest.raises(UsageError, match="--camera"):
+        parse_setting("camera", text)
     with pytest.raises(UsageError, match="takes a number"):
         parse_assignments(["a=inf"])
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pcsg.errors import UsageError, suggest
-from pcsg.graph.settings import SETTINGS, Key, ValueKind
+from pcsg.graph.settings import AUTO, SETTINGS, Key, ValueKind
 from pcsg.graph.words import is_name
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
@@ -65,13 +65,31 @@ def parse_assignments(texts: Sequence[str]) -> dict[str, float]:
     return values
 
 
+_PAIR = re.compile(
+    r"""([^\s=,;]+)\s*=\s*
+    (   "[^"]*"
+    |   \([^()]*\)(?=[\s,;]|$)
+    |   [^\s,;()=]+(?:\s*,\s*[^\s,;()=]+){2}(?=[\s;]|$|,\s*(?:$|[A-Za-z_]\w*\s*=))
+    |   \S+?(?=[,;]?(?:\s|$)|[,;][A-Za-z_]\w*\s*=)
+    )[\s,;]*""",
+    re.VERBOSE,
+)
+"""A key and its value: a text in quotes, a list with or without brackets, or a word."""
+
+
 def parse_setting(kind: str, text: str) -> dict[str, Any]:
-    """Return the values of ``key=value key=1,2,3`` for a kind of setting."""
+    """Return the values of ``key=value key=1,2,3`` for a kind of setting.
+
+    What a grammar has between the braces is taken, too: ``key = (1, 2, 3); key = "text"``.
+    """
     values = {}
-    for item in text.split():
-        name, sign, value = item.partition("=")
-        if not sign:
+    text = text.strip().removeprefix("{").removesuffix("}").strip()
+    while text:
+        found = _PAIR.match(text)
+        if found is None:
+            item = text.split()[0]
             raise UsageError(f"--{kind} takes KEY=VALUE separated by blanks, not `{item}`")
+        name, value, text = found[1], found[2], text[found.end() :]
         key = SETTINGS[kind].keys.get(name)
         if key is None:
             hint = suggest(name, SETTINGS[kind].keys)
@@ -82,7 +100,7 @@ def parse_setting(kind: str, text: str) -> dict[str, Any]:
 
 
 def _parse_value(what: str, key: Key, text: str) -> Any:
-    if key.default is None and text == "auto":
+    if key.default is None and text == AUTO:
         return None
     if key.kind is ValueKind.NUMBER:
         number = parse_number(text, what)
@@ -90,10 +108,12 @@ def _parse_value(what: str, key: Key, text: str) -> Any:
             raise UsageError(f"{what} must lie between {key.low:g} and {key.high:g}, not {text}")
         return number
     if key.kind in (ValueKind.VECTOR, ValueKind.COLOR):
-        parts = text.split(",")
+        parts = text.removeprefix("(").removesuffix(")").split(",")
         if len(parts) != 3:
             raise UsageError(f"{what} takes {key.kind.value} as 1,2,3, not `{text}`")
         return tuple(parse_number(part, what) for part in parts)
     if key.kind is ValueKind.WORD and text not in key.words:
         raise UsageError(f"{what} takes one of {', '.join(key.words)}, not `{text}`")
+    if key.kind is ValueKind.TEXT and len(text) > 1 and text[0] == text[-1] == '"':
+        return text[1:-1]
     return text

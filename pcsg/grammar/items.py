@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic
@@ -239,6 +240,8 @@ class _Cutter:
         if self.item is not None and self.open:
             token, sign, _, _ = self.open[-1]
             self._fail(diagnose("unbalanced-bracket", f"`{sign}` is never closed", token.span))
+        elif self.item is not None and self.item.kind == "setting":
+            _mark_lists(self.item.tokens)
         self.open.clear()
 
     def _fail(self, problem: Diagnostic) -> None:
@@ -322,3 +325,23 @@ class _Cutter:
             self.complete = role != "unary" and not self.condition
             if self.item.kind == "rule" and not self.arrow:
                 self.complete = False
+
+
+def _mark_lists(tokens: list[Token]) -> None:
+    """Tell the two commas of ``eye = 1, 2, 3`` from commas that separate the keys of a setting."""
+    depth, commas = 0, list[Token]()
+    for token, following in pairwise(tokens):
+        if token.type in _OPENS:
+            depth += 1
+        elif token.type in _CLOSES:
+            depth -= 1
+        if depth != 1:
+            continue
+        if token.type in ("KEY", "SEMICOLON"):
+            commas = []
+        elif token.type == "COMMA" and following.type not in ("KEY", "RBRACE", "SEMICOLON"):
+            commas.append(token)
+        if following.type in ("KEY", "SEMICOLON", "RBRACE") and len(commas) == 2:
+            for comma in commas:
+                comma.type = "LIST_COMMA"
+            commas = []

@@ -41,6 +41,7 @@ _TERMINALS = {
     "LBRACE": "`{`",
     "RBRACE": "`}`",
     "COMMA": "`,`",
+    "LIST_COMMA": "`,`",
     "SEMICOLON": "`;`",
     "COLON": "`:`",
     "ASSIGN": "`=`",

@@ -174,6 +174,9 @@ class _Builder(Transformer[Any, Any]):
     def value_vector(self, c: Items) -> Value:
         return Value((c[1], c[3], c[5]), None, join(c[0].span, c[6].span))
 
+    def value_list(self, c: Items) -> Value:
+        return Value((c[0], c[2], c[4]), None, join(c[0].span, c[4].span))
+
     def value_text(self, c: Items) -> Value:
         return Value((), c[0].text[1:-1], c[0].span)
 

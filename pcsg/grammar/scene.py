@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, suggest
@@ -10,7 +10,7 @@ from pcsg.grammar.check import check_numbers, unknown_reference
 from pcsg.grammar.names import Names
 from pcsg.grammar.syntax import Name, SettingItem, Value
 from pcsg.graph.expr import Expr, Number, Parameter, asks_world
-from pcsg.graph.settings import SETTINGS, Key, Setting, SettingKind, ValueKind
+from pcsg.graph.settings import AUTO, SETTINGS, Key, Setting, SettingKind, ValueKind
 
 _VECTORS = (ValueKind.VECTOR, ValueKind.COLOR)
 
@@ -84,6 +84,8 @@ def _build_values(
             problems.append(diagnose("duplicate-setting", message, name.span, notes=notes))
             continue
         first[name.text] = name
+        if key.default is None and _is_auto(value, named.get(key.refers_to or "", ())):
+            continue
         built = _build_value(key, value, problems)
         if built is None:
             continue
@@ -93,6 +95,12 @@ def _build_values(
             )
         values[name.text] = built
     return values
+
+
+def _is_auto(value: Value, names: Collection[str]) -> bool:
+    """Whether a value is the word ``auto``, and not the name of something."""
+    word = value.numbers[0] if len(value.numbers) == 1 else None
+    return isinstance(word, Parameter) and word.name == AUTO and AUTO not in names
 
 
 def _build_value(

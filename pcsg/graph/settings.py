@@ -14,6 +14,9 @@ from typing import Any, TypedDict
 from pcsg.errors import SourceSpan, UsageError, suggest
 from pcsg.graph.expr import Expr
 
+AUTO = "auto"
+"""Written in place of a value that is found automatically."""
+
 
 class ValueKind(Enum):
     """What a key takes."""
@@ -170,7 +173,13 @@ SETTINGS = {
             "material",
             "How a surface reflects light.",
             {
-                "color": Key(_C, (0.7, 0.7, 0.7), "base colour", **_COLORS),
+                "color": Key(
+                    _C,
+                    None,
+                    "base colour, by which its texture is multiplied; automatic: (0.7, 0.7, 0.7), "
+                    "and the texture as it is",
+                    **_COLORS,
+                ),
                 "roughness": Key(_N, 0.6, "0 mirror to 1 matt", low=0.0, high=1.0),
                 "metallic": Key(_N, 0.0, "0 dielectric to 1 metal", low=0.0, high=1.0),
                 "specular": Key(_N, 0.5, "strength of the gloss", low=0.0, high=1.0),

@@ -17,6 +17,9 @@ from pcsg.trace.hits import Hits
 
 DEFAULTS = {key: k.default for key, k in SETTINGS["material"].keys.items()}
 
+PLAIN, UNTINTED = (0.7, 0.7, 0.7), (1.0, 1.0, 1.0)
+"""What a material without a colour has, and what its texture is multiplied by."""
+
 _NUMBERS = (
     "color",
     "emission",
@@ -147,7 +150,10 @@ class Materials:
     ) -> None:
         # The last row is the default, which number -1 finds.
         rows = [*several, DEFAULTS]
+        colors = [row["color"] for row in rows]
+        rows = [{**row, "color": c or PLAIN} for row, c in zip(rows, colors, strict=True)]
         self._columns = {key: np.array([row[key] for row in rows], dtype=float) for key in _NUMBERS}
+        self._tints = np.array([c or UNTINTED for c in colors])
         self._table = np.column_stack(list(self._columns.values()))
         texture = [texture_numbers.get(row["texture"] or "", -1) for row in rows]
         relief = [texture_numbers.get(row["relief"] or "", -1) for row in rows]
@@ -216,6 +222,8 @@ class Materials:
         if len(rows):
             number = texture[rows]
             found = self._colors(hits, at[rows], number, inside[rows], size[rows])
+            tint = np.where(overridden[rows, None], 1.0, self._tints[which[rows]])
+            found *= tint
             given = np.flatnonzero(overridden[rows])
             if len(given):
                 found[given] = self._tinted(

@@ -356,6 +356,15 @@ def test_an_axiom_in_an_included_file_counts(tmp_path: Path) -> None:
 # Settings and attributes.
 
 
+def test_auto_stands_for_what_is_found_automatically() -> None:
+    graph = load_text("sphere ground { z = auto } camera { eye = auto, fov = 30; focus = auto }")
+    assert [set(s.values) for s in graph.settings] == [set(), {"fov"}]
+    named = load_text("sphere material m { relief = auto; texture = auto } texture auto {}")
+    assert named.settings[0].values == {"relief": "auto", "texture": "auto"}
+    with pytest.raises(GrammarError, match="never-assigned"):
+        load_text("sphere camera { fov = auto }")
+
+
 def test_settings() -> None:
     graph = load_text(
         "{h=3} material(bark) texture(oak, 2) color(h/3,0,0) label(7) sphere\n"

@@ -60,6 +60,29 @@ def test_bumps_bend_normals_but_not_the_geometry():
     assert (flat.matter.normal == flat.matter.facing).all()
 
 
+@pytest.mark.parametrize("kind", ["noise", "checker", "image"])
+def test_a_texture_is_multiplied_by_the_color_of_its_material(kind, tmp_path):
+    pixels = np.full((2, 2, 3), (200, 120, 60), dtype=np.uint8)
+    Pillow.fromarray(pixels).save(tmp_path / "p.png")
+    texture = {**TEXTURE, "name": "t", "kind": kind, "file": str(tmp_path / "p.png")}
+    textured = {**MATERIAL, "texture": "t"}
+    found, tinted = (
+        gather(
+            Spheres(material=0, color=(-1.0,) * 3), [{**textured, **more}], [texture]
+        ).matter.color
+        for more in ({}, {"color": (1.0, 0.5, 0.0)})
+    )
+    np.testing.assert_allclose(tinted, found * (1.0, 0.5, 0.0))
+    assert (found.max(axis=0) > 0.04).all()
+    # `color(...)` takes the place of the material's colour, textured or not.
+    green = Spheres(material=0, color=(0.0, 1.0, 0.0))
+    nearer, as_before = (
+        gather(green, [{**textured, **more}], [texture]).matter.color
+        for more in ({"color": (1.0, 0.5, 0.0)}, {})
+    )
+    np.testing.assert_array_equal(nearer, as_before)
+
+
 NO_OTHERS = np.zeros((2, 3))
 
 
