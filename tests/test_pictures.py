@@ -12,7 +12,7 @@ import pytest
 
 import pcsg
 from pcsg.graph.evaluate import setting_defaults
-from pcsg.render.camera import place
+from pcsg.render.framing import place
 from pcsg.scene import Scene
 
 GRAMMARS = sorted((Path(__file__).parent.parent / "grammars").glob("*.pcsg"))

@@ -165,7 +165,7 @@ SETTINGS = {
             "ground",
             "An infinite plane.",
             {
-                "z": Key(_N, None, "its height; automatic: just below the bounds", **_FAR),
+                "z": Key(_N, None, "its height; automatic: the lowest point of the scene", **_FAR),
                 "material": Key(ValueKind.NAME, None, "its material", refers_to="material"),
             },
         ),
@@ -285,7 +285,8 @@ def check_value(kind: str, key: str, value: Any) -> Any:
         hint = suggest(str(key), keys)
         raise UsageError(f"`{kind}` has no key `{key}`" + (f"; {hint}" if hint else ""))
     spec = keys[key]
-    if value is None and spec.default is None:
+    automatic = value is None or (isinstance(value, str) and value == AUTO)
+    if automatic and spec.default is None:
         return None
     if spec.kind is ValueKind.TEXT and isinstance(value, (str, Path)):
         return str(value)

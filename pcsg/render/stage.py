@@ -12,9 +12,10 @@ import numpy as np
 from pcsg.arguments import shown
 from pcsg.errors import UsageError, suggest
 from pcsg.graph.settings import SETTINGS, check_value
-from pcsg.render.camera import Camera, place, tame
+from pcsg.render.camera import Camera
 from pcsg.render.daylight import PhysicalSky, sunlight
 from pcsg.render.emitters import Emitters, make_emitters
+from pcsg.render.framing import find_lowest, place, tame
 from pcsg.render.lights import Light, make_balls, make_sun, sun_direction
 from pcsg.render.materials import Materials
 from pcsg.render.sky import DARK, Sky, make_sky
@@ -120,9 +121,11 @@ def build_stage(
     extent = float((box[1] - box[0]).max())
     if grounded:
         values = _values(scene, "ground", overrides)
-        z = float(box[0, 2] - 1e-6 * extent) if values["z"] is None else float(values["z"])
+        z = values["z"]
+        if z is None:
+            z = find_lowest(bounds, scene.tracer) - 1e-6 * extent
         number = _material_number(scene, values["material"])
-        tracer = GroundedTracer(tracer, z, number)
+        tracer = GroundedTracer(tracer, float(z), number)
     lights: tuple[Light, ...] = (*((sun,) if sun else ()), *balls)
     return Stage(
         tracer=tracer,

@@ -6,9 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from spheres import Spheres
 
+import pcsg
 from pcsg.errors import UsageError
 from pcsg.graph.settings import SETTINGS
-from pcsg.render.camera import MARGIN, Camera, basis, corners, place, tame
+from pcsg.render.camera import Camera, basis
+from pcsg.render.framing import MARGIN, corners, find_lowest, place, tame
 
 AUTOMATIC = {key: k.default for key, k in SETTINGS["camera"].keys.items()}
 
@@ -149,3 +151,36 @@ def test_nothing_in_the_box_frames_the_box():
     scene = Spheres([(0, 0, 0)], [1e-9])
     box = np.array([[-1.0] * 3, [1.0] * 3])
     assert place(AUTOMATIC, box, 1.0, scene) == place(AUTOMATIC, box, 1.0)
+
+
+def test_thin_parts_that_stand_out_are_in_the_picture():
+    # A needle of balls, thinner than what lies between two of the rays that look for things first.
+    tips = [(3.0 + 0.01 * k, 1.0, 0.003) for k in range(200)]
+    scene = Spheres([(0, 0, 0), *tips], [1.0] + [0.008] * 200)
+    camera = place(AUTOMATIC, scene.bounds, 1.5, scene)
+    at, depth = project(camera, np.array(tips), 1.5)
+    assert (depth > 0).all() and np.abs(at).max() < 1.0 - MARGIN
+
+
+@pytest.mark.parametrize(
+    "shape", ["sphere", "move(0,0,-1) uscale(3) cylinder", "uscale(2) blob { point(1) }"]
+)
+def test_the_ground_is_where_the_things_end_and_not_their_box(shape):
+    scene = pcsg.loads(f"move(1, 2, 3) ({shape} \\ move(0, 0, -50.1) uscale(50) box)")
+    if shape == "sphere":
+        assert scene.bounds[0, 2] == pytest.approx(2.0)
+    assert find_lowest(scene.bounds, scene.tracer) == pytest.approx(2.9, abs=0.02)
+
+
+def test_the_ground_is_below_a_thin_foot():
+    foot = [(0.7, 0.21, -1.0 - 0.01 * k) for k in range(100)]
+    scene = Spheres([(0, 0, 0), *foot], [1.0] + [0.005] * 100)
+    box = scene.bounds - [[0.0, 0.0, 3.0], [0.0] * 3]
+    assert find_lowest(box, scene) == pytest.approx(-1.995, abs=0.02)
+
+
+def test_the_ground_of_an_exact_box_is_its_lower_side():
+    scene = pcsg.loads("rotx(30) scale(1, 2, 3) cylinder | move(4, 0, 0) cone")
+    assert find_lowest(scene.bounds, scene.tracer) == scene.bounds[0, 2]
+    nothing = np.array([[inf] * 3, [-inf] * 3])
+    assert find_lowest(nothing, Spheres([(9, 9, 9)], [1.0])) == -1.0

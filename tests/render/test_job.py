@@ -166,7 +166,7 @@ def test_unknown_settings_are_refused(settings, word):
 def test_a_fault_keeps_the_picture_so_far():
     scene = Spheres()
     job = Job(scene, Options(size=(300, 200), samples=16, threads=1))
-    scene.fault_after = 5
+    scene.fault_after = scene.batches + 4
     with pytest.raises(EvaluationFault):
         job.run()
     image = job.image()
