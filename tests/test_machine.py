@@ -244,6 +244,18 @@ def test_of_many_processes_one_compiles(tmp_path: Path) -> None:
     assert {path.suffix for path in (tmp_path / "kernels").iterdir()} == {".code", ""}
 
 
+def test_a_process_with_a_spoilt_file_says_the_same(tmp_path: Path) -> None:
+    first = said(run_alone(_ALONE, PCSG_CACHE=str(tmp_path)))
+    (path,) = (tmp_path / "kernels").glob("*.code")
+    # In the head, whose length stands at 46, and in the machine code.
+    for at in (60, -400):
+        data = bytearray(path.read_bytes())
+        data[at] ^= 1
+        path.write_bytes(data)
+        assert said(run_alone(_ALONE, PCSG_CACHE=str(tmp_path))) == first
+        assert path.read_bytes() != data
+
+
 def test_a_process_without_a_cache_leaves_no_folder_behind(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "tmp").mkdir()
