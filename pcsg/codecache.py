@@ -11,7 +11,6 @@ import atexit
 import hashlib
 import json
 import os
-import secrets
 import shutil
 import stat
 import sys
@@ -154,7 +153,7 @@ class Folder:
         OSError
             It cannot be kept.
         """
-        part = f".{secrets.token_hex(8)}.part"
+        part = f".{os.urandom(8).hex()}.part"
         handle = os.open(self._place(part), _CREATE, 0o600, dir_fd=self._handle)
         try:
             with os.fdopen(handle, "wb") as file:
@@ -225,10 +224,12 @@ class Cache:
     ----------
     obstacle
         Why what is compiled now cannot be kept for later processes; empty if it can.
+    failure
+        Why something could not be kept though nothing stood against it; empty if all was.
     """
 
     def __init__(self) -> None:
-        self.obstacle = ""
+        self.obstacle = self.failure = ""
         self._private: Folder | None = None
         self._folder: Folder | None = None
         path = _place()
@@ -260,7 +261,8 @@ class Cache:
             elif self._folder.is_writable:
                 self._folder.write(name, code)
         except OSError as error:
-            self.obstacle = self.obstacle or f"{_place()}: {error.strerror or error}"
+            if not self.obstacle:
+                self.failure = f"{_place()}: {error.strerror or error}"
 
     @contextmanager
     def hold(self, name: str) -> Iterator[None]:

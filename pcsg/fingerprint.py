@@ -15,7 +15,6 @@ import enum
 import functools
 import hashlib
 import os
-import secrets
 import sys
 import types
 from collections.abc import Iterator
@@ -150,7 +149,7 @@ def fingerprint(kernel: Any) -> Fingerprint:
 @cache
 def _nonce() -> bytes:
     """Return what no other process has."""
-    return secrets.token_bytes(32)
+    return os.urandom(32)
 
 
 def _has_identity(item: Any) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from threading import RLock
 from typing import Any
 
-from pcsg.codecache import CACHE, opened
+from pcsg.codecache import opened
 from pcsg.compilation import (
     address_in_numbas_way,
     compile_function,
@@ -46,23 +46,6 @@ def _keep(name: str, compile_now: Callable[[], Code]) -> Code | None:
 def is_kept(fingerprint: str) -> bool:
     """Return whether a kernel was compiled before, and kept."""
     return opened().has(f"{fingerprint}-")
-
-
-def compiling_notice(time: str) -> str:
-    """Return what to tell of kernels that will be compiled now.
-
-    Parameters
-    ----------
-    time
-        About how long it takes.
-    """
-    obstacle = opened().obstacle
-    if not obstacle:
-        return f"compiling kernels, which are kept for later runs: {time}"
-    return (
-        f"compiling kernels, at every run, for they cannot be kept ({obstacle}): {time};"
-        f" let {CACHE} name a folder of your own"
-    )
 
 
 def load_function(fingerprint: str, signature: str, function: Any, options: dict[str, Any]) -> int:

@@ -182,7 +182,7 @@ def test_a_full_disk_leaves_no_part_of_a_file(
     monkeypatch.setattr(codecache.os, call, fail)
     cache.write(NAME, CODE)
     monkeypatch.undo()
-    assert os.strerror(errno.ENOSPC) in cache.obstacle
+    assert os.strerror(errno.ENOSPC) in cache.failure
     assert not list(kernel_folder.iterdir())
 
 

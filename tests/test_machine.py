@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from pcsg.codecache import opened, unpack
+from pcsg.commands.compiling import announce_compiling, tell_unkept
 from pcsg.jit import is_cached, njit
-from pcsg.machine import Entry, compiling_notice
+from pcsg.machine import Entry
 from pcsg.objectcode import describe_kinds, flatten
 
 
@@ -102,17 +103,28 @@ def test_where_nothing_can_be_kept_kernels_run_all_the_same(
     args = arguments()
     assert fresh()(*args) == expected(args)[0]
     assert not is_cached(fresh())
-    notice = compiling_notice("a moment")
-    assert "at every run" in notice
-    assert "PCSG_CACHE" in notice
-    assert str(kernel_folder) in notice
 
 
-def test_code_is_said_to_be_kept_where_it_is(kernel_folder: Path) -> None:
-    assert not is_cached(fresh())
-    assert "kept for later runs" in compiling_notice("a moment")
+def test_what_is_said_of_compiling_is_true(
+    kernel_folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    announce_compiling(fresh(), "a moment")
+    assert "kept for later runs: a moment" in capsys.readouterr().err
+    opened().failure = "no room"
+    tell_unkept()
+    assert "no room" in capsys.readouterr().err
     fresh()(*arguments())
-    assert is_cached(fresh())
+    opened.cache_clear()
+    announce_compiling(fresh(), "a moment")
+    tell_unkept()
+    assert not capsys.readouterr().err
+    monkeypatch.setenv("PCSG_CACHE", __file__)
+    opened.cache_clear()
+    announce_compiling(fresh(), "a moment")
+    told = capsys.readouterr().err
+    assert "at every run" in told
+    assert __file__ in told
+    assert "PCSG_CACHE" in told
 
 
 class Turned(NamedTuple):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from pcsg.commands.compiling import announce_compiling, tell_unkept
 from pcsg.commands.guard import say
 from pcsg.commands.options import parse_assignments, parse_memory
 from pcsg.commands.scenes import open_scene
@@ -101,8 +102,6 @@ class Output:
 
 def run_mesh(given: Input, wanted: Output) -> None:
     """Build a surface and write it."""
-    from pcsg.jit import is_cached
-    from pcsg.machine import compiling_notice
     from pcsg.outputs import check_output, write_whole
     from pcsg.treemesh import SurfaceOptions, restore_offsets, tree_surface
     from pcsg.treemesh.estimate import check_memory
@@ -127,8 +126,8 @@ def run_mesh(given: Input, wanted: Output) -> None:
         max_aspect=wanted.max_aspect or None,
         locality=wanted.locality,  # type: ignore[arg-type]  # likewise
     )
-    if not (wanted.quiet or is_cached(project_range)):
-        say(compiling_notice("some ten seconds"))
+    if not wanted.quiet:
+        announce_compiling(project_range, "some ten seconds")
     skel, notes = open_skeleton(given)
     check_memory(skel, options, memory_limit(given.max_memory))
     surf = tree_surface(extend_foot(skel) if wanted.foot else skel, options)
@@ -144,6 +143,8 @@ def run_mesh(given: Input, wanted: Output) -> None:
         write_whole(wanted.report, lambda out: out.write(text.encode()))
         files.append(wanted.report)
     _tell(surf, files, notes, wanted)
+    if not wanted.quiet:
+        tell_unkept()
 
 
 def memory_limit(text: str | None) -> int:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from pcsg.commands.compiling import announce_compiling, tell_unkept
 from pcsg.commands.guard import INTERRUPTED, say
 from pcsg.commands.options import parse_memory, parse_setting, parse_size, parse_tile
 from pcsg.commands.scenes import open_scene
@@ -89,7 +90,7 @@ def run(arguments: RenderArguments) -> None:
         arguments.engine,
     )
     if not arguments.quiet:
-        _announce_compilation(scene)
+        announce_compiling(scene.tracer.kernel, "about half a minute")
     job = Job(scene, options, {"pcsg:command": _command()})
     if arguments.verbose:
         camera = job.stage.camera
@@ -117,6 +118,8 @@ def run(arguments: RenderArguments) -> None:
         typer.echo(json.dumps(_summary(job, files)))
     elif not arguments.quiet and files:
         _tell(job, files[0], arguments.verbose)
+    if not arguments.quiet:
+        tell_unkept()
 
 
 def _command() -> str:
@@ -158,15 +161,6 @@ def _options(arguments: RenderArguments) -> Options:
         tile=parse_tile(arguments.tile),
         detail=arguments.detail,
     )
-
-
-def _announce_compilation(scene: Scene) -> None:
-    """Say that the first picture after an installation takes its time."""
-    from pcsg.jit import is_cached
-    from pcsg.machine import compiling_notice
-
-    if not is_cached(scene.tracer.kernel):
-        say(compiling_notice("about half a minute"))
 
 
 def _save(job: Job, output: Path, layers: Sequence[str], arguments: RenderArguments) -> list[Path]:
