@@ -144,7 +144,7 @@ def run_frame(
 
 
 def _tree_camera(name: str, t: float, look: Look) -> Camera:
-    from pcsg.growth.leaf import read_growth
+    from pcsg.growth.leaf import leafless, read_growth
     from pcsg.growth.pictures import frame_tree
     from pcsg.growth.species import load_species
 
@@ -153,7 +153,10 @@ def _tree_camera(name: str, t: float, look: Look) -> Camera:
         load_species(name)  # tells what there is
     # The same object as the grammar's, so that the tree is computed once.
     growth = read_growth(file.name, file.parent)
-    return frame_tree(growth.state((t, float(look.seed or 0))), look.aspect)
+    state = growth.state((t, float(look.seed or 0), 0.0))
+    if not look.quiet and (note := leafless(state)):
+        say(note)
+    return frame_tree(state, look.aspect)
 
 
 def _assigned(**values: Any) -> list[str]:

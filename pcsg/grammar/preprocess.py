@@ -47,8 +47,9 @@ ground { z = 0; material = meadow }
 """
 """What such a plant is made of, and stands on."""
 
-GROWING = """{ t = 12.6; seed = 0 }
-( material(bark) tree_wood("NAME", t, seed) | material(leaf) tree_leaves("NAME", t, seed) )
+GROWING = """{ t = 12.6; seed = 0; day = 0 }
+( material(bark) tree_wood("NAME", t, seed, day)
+| material(leaf) tree_leaves("NAME", t, seed, day) )
 material bark { roughness = 0.95; specular = 0.15; relief = furrows; bump = 0.005 }
 texture furrows { kind = bark; scale = 0.35 }
 material leaf { roughness = 0.45; specular = 0.35; translucency = 0.5 }

@@ -50,7 +50,7 @@ def graph_stats(
         together thicker than their bearer, and the greatest and mean ratio of sum r_i^2 to r_A^2;
         where there are meshes, ``meshes``: for each its name, triangles, whether it is closed, the
         number of its open edges and the ends of the first ones, and what of its file is left out or
-        mended.
+        mended; ``notes`` where there is more that a user should know.
     """
     states = states or enumerate_states(graph, globals_values)
     boxes = boxes or hyper_boxes(graph, globals_values, states)
@@ -67,6 +67,7 @@ def graph_stats(
         "bytes": {"boxes": boxes.boxes.nbytes, **(nbytes or {})},
         **_junctions(graph, states),
         **_meshes(graph),
+        **_notes(graph, states),
     }
 
 
@@ -96,16 +97,9 @@ def _meshes(graph: Graph) -> dict[str, Any]:
 
 def _junctions(graph: Graph, states: StateGraph) -> dict[str, Any]:
     """Return the junctions of all trees; nothing where there is none."""
-    trees = {
-        (item.node, item.args)
-        for state in states.states
-        for item in state.content or ()
-        if isinstance(item, LeafItem)
-    }
     ratios: list[float] = []
-    for number, args in sorted(trees):
-        node = graph.nodes[number]
-        for constant in node.constants if isinstance(node, Leaf) else ():
+    for node, args in _leaves(graph, states):
+        for constant in node.constants:
             areas = constant.junctions(args) if isinstance(constant, BlobSource) else None
             ratios += areas.ratio.tolist() if areas is not None else []
     if not ratios:
@@ -114,6 +108,26 @@ def _junctions(graph: Graph, states: StateGraph) -> dict[str, Any]:
     mean = math.fsum(ratios) / len(ratios)
     found = {"total": len(ratios), "thicker": thicker, "greatest": max(ratios), "mean": mean}
     return {"junctions": found}
+
+
+def _notes(graph: Graph, states: StateGraph) -> dict[str, Any]:
+    """Return what users should know of leaves; nothing where that is nothing."""
+    leaves = _leaves(graph, states)
+    told = (n for node, args in leaves for n in node.solid.notes_of(node.constants, args))
+    notes = list(dict.fromkeys(told))
+    return {"notes": notes} if notes else {}
+
+
+def _leaves(graph: Graph, states: StateGraph) -> list[tuple[Leaf, tuple[float, ...]]]:
+    """Return the leaves of all states, each with its numbers once."""
+    found = {
+        (item.node, item.args)
+        for state in states.states
+        for item in state.content or ()
+        if isinstance(item, LeafItem)
+    }
+    nodes = ((graph.nodes[number], args) for number, args in sorted(found))
+    return [(node, args) for node, args in nodes if isinstance(node, Leaf)]
 
 
 def _corners(box: Box) -> list[list[float | None]] | None:

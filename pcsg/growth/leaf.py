@@ -7,6 +7,7 @@ Imported when a grammar is read, so it loads the model of growth only when a tre
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -26,14 +27,21 @@ _SPECIES = (LeafConstant("species", "the name of a species or of a .json file in
 _NUMBERS = (
     LeafParameter("t", low=0.0, open_low=True),
     LeafParameter("seed", 0.0, low=0.0, high=2.0**53),
+    LeafParameter("day", 0.0, low=0.0, high=365.0),
 )
+
+DAYS = 365.0
+"""Of a year, from winter to winter."""
 
 STATES_KEPT = 8
 """Instants of a species whose arrays are remembered: wood and leaves ask for the same ones."""
 
 
 class Growth(BlobSource):
-    """A species, whose trees are made for a time and a seed; 0 is the species' own seed."""
+    """A species, whose trees are made for a time, a seed and a day of the year.
+
+    A seed of 0 is the species' own; without a day the part of the year is that of the time.
+    """
 
     darkening = 0.6
 
@@ -61,11 +69,11 @@ class Growth(BlobSource):
         return f'"{self.name}"'
 
     def state(self, values: Sequence[float]) -> State:
-        """Return the tree at a time, with a seed."""
+        """Return the tree at a time, with a seed, at a day."""
         from pcsg.growth.model import GrowthModel
         from pcsg.growth.species import read_species
 
-        key = tuple(values)
+        key = time_of(values), values[1]
         if key not in self._states:
             seed = int(key[1])
             if seed not in self._trees:
@@ -82,7 +90,7 @@ class Growth(BlobSource):
         return wood_field(self.state(values))
 
     def foliage(self, values: Sequence[float]) -> MeshModel:
-        """Return the leaves at a time, with a seed."""
+        """Return the leaves at a time, with a seed, at a day."""
         from pcsg.growth.foliage import foliage_mesh
 
         key = tuple(values)
@@ -91,6 +99,12 @@ class Growth(BlobSource):
                 self._foliage.pop(next(iter(self._foliage)))
             self._foliage[key] = MeshModel(foliage_mesh(self.state(values)), self.name, sheet=True)
         return self._foliage[key]
+
+
+def time_of(values: Sequence[float]) -> float:
+    """Return the time in years for the numbers t, seed, day: a day counts in the year behind t."""
+    t, _, day = values
+    return math.floor(t) + day / DAYS if day > 0.0 else t
 
 
 def is_species(text: str) -> bool:
@@ -187,14 +201,36 @@ class TreeLeaves(Mesh):
     def make_model(cls, constants: Sequence[Constant], args: Sequence[float]) -> MeshModel:
         return _growth(constants).foliage(args)
 
+    @classmethod
+    def notes_of(cls, constants: Sequence[Constant], args: Sequence[float]) -> tuple[str, ...]:
+        growth = _growth(constants)
+        note = leafless(growth.state(args))
+        return () if note is None else (f"{growth.name}: {note}",)
+
+
+def leafless(state: State) -> str | None:
+    """Return why a tree has no leaves, and when it has; None for one that has."""
+    if len(state.leaves.size):
+        return None
+    full = state.species.season.leaf_end
+    year = min(math.floor(state.time), state.species.ymax - 1)
+    why = "whole years are midwinter" if state.time == round(state.time) else "it is winter"
+    return (
+        f"no leaves at t = {state.time:g}: {why}; they are whole at t = {year + full:g}, that is "
+        f'day {full * DAYS:.0f}: tree("...", {year}, 0, {full * DAYS:.0f})'
+    )
+
 
 @word
 class Tree(Solid):
     """A tree of any age: ``tree("populus", t)``, its wood and its leaves.
 
     The name is that of a species which comes along, or of a .json file relative to the grammar's;
-    t is the time in years; a third number is the seed of another tree of the kind. Metres, the
-    foot at the origin, z up. Colours are the species'. See [growth.md](growth.md).
+    t is the time in years; whole years are midwinter, without leaves. The next number is the seed
+    of another tree of the kind, 0 for the species' own. The last is the day of the year, from 1 to
+    365, in place of the part of the year in t: ``tree("populus", 12, 0, 200)`` is twelve years old,
+    in summer. Metres, the foot at the origin, z up. Colours are the species'. See
+    [growth.md](growth.md).
     """
 
     constants = _SPECIES

@@ -296,6 +296,11 @@ class Solid:
         return cls.primitives
 
     @classmethod
+    def notes_of(cls, constants: Sequence[Constant], args: Sequence[float]) -> tuple[str, ...]:
+        """Return what a user should know of a leaf with these constants and numbers."""
+        return ()
+
+    @classmethod
     def make_model(cls, constants: Sequence[Constant], args: Sequence[float]) -> Model:
         """Return the model for constants and values of the numbers.
 

@@ -57,6 +57,45 @@ def test_seeds_make_other_trees() -> None:
     assert np.array_equal(look_at(own).t, look_at(one).t)
 
 
+def test_a_day_stands_for_the_part_of_the_year() -> None:
+    day, part = (pcsg.loads(f'tree("populus", {a})') for a in ("5, 0, 219", "5.6"))
+    assert np.array_equal(look_at(day).t, look_at(part).t)
+    late = pcsg.loads('tree("populus", 5.9, 0, 219)')
+    assert np.array_equal(look_at(late).t, look_at(part).t)
+    with pytest.raises(GrammarError, match="day"):
+        pcsg.loads('tree("populus", 5, 0, 366)')
+
+
+def test_trees_without_leaves_are_told(tmp_path: Path) -> None:
+    told = pcsg.loads('tree("populus", 3)').stats()["notes"]
+    assert len(told) == 1
+    assert told[0].startswith("populus: no leaves at t = 3: whole years are midwinter")
+    when = told[0].split("t = ")[2].split(",")[0]
+    assert len(GrowthModel.load("populus").at(float(when)).leaves.size) > 20
+    assert "it is winter" in pcsg.loads('tree("populus", 3.1)').stats()["notes"][0]
+    # At the end of its life the last summer is told, which can be asked for.
+    assert "t = 26.7" in pcsg.loads('tree_leaves("populus", 27)').stats()["notes"][0]
+    for leafy in ('tree("populus", 3.6)', 'tree_wood("populus", 3)', 'tree("spruce", 3)'):
+        assert "notes" not in pcsg.loads(leafy).stats()
+    done = CliRunner().invoke(
+        app,
+        [
+            "grow",
+            "frame",
+            "populus",
+            "--t",
+            "1",
+            "--size",
+            "8x8",
+            "--samples",
+            "1",
+            "-o",
+            str(tmp_path / "x.png"),
+        ],
+    )
+    assert done.exit_code == 0 and "no leaves at t = 1: whole years are midwinter" in done.output
+
+
 def test_a_file_beside_the_grammar(tmp_path: Path) -> None:
     (tmp_path / "mine.json").write_text(Species(ymax=5, seed=4).to_json())
     (tmp_path / "a.pcsg").write_text('tree("mine.json", 4.7)')
