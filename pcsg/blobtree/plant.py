@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg import inputs
 from pcsg.blobtree.lsystem import LSystem
 from pcsg.blobtree.lsystemfile import (
     LARGEST_TEXT,
@@ -25,6 +24,7 @@ from pcsg.blobtree.tree import grow
 from pcsg.blobtree.turtle import MOST_PARTS, Drawing, draw
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, EnvironmentFault, Source, SourceSpan, UsageError
+from pcsg.inputs import read_text as read_file
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def read_text(path: Path) -> str:
     UsageError
         It cannot be read, or a line is not understood.
     """
-    text = inputs.read_text(path, "L-system", LARGEST_FILE)
+    text = read_file(path, "L-system", LARGEST_FILE)
     _read(text, path.name, 0, {})
     return text
 

@@ -14,7 +14,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcsg import arguments
+from pcsg.arguments import array as array_of
 from pcsg.errors import UsageError
 from pcsg.leaf.bvh import build_hierarchy
 from pcsg.leaf.places import face_normal, interpolate, locate
@@ -228,7 +228,7 @@ def mesh_of_arrays(vertices: ArrayLike, faces: Any) -> MeshModel:
     UsageError
         Shapes do not fit, numbers are not finite, or a vertex is not there.
     """
-    points = arguments.array(vertices, "mesh: vertices").copy()
+    points = array_of(vertices, "mesh: vertices").copy()
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise UsageError("mesh: vertices are finite numbers of shape (n, 3)")
     try:
