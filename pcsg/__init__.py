@@ -25,10 +25,11 @@ if TYPE_CHECKING:
     from pcsg.growth.leaf import tree, tree_leaves, tree_wood
     from pcsg.render import Image, render
     from pcsg.scene import Scene, load, loads
-    from pcsg.trace.hits import Hits, Spans
+    from pcsg.trace.hits import Crossings, Hits, Spans
 
 _HOMES = {
     "C": "pcsg.graph.build",
+    "Crossings": "pcsg.trace.hits",
     "EnvironmentFault": "pcsg.errors",
     "EvaluationFault": "pcsg.errors",
     "GrammarError": "pcsg.errors",
@@ -57,6 +58,7 @@ _HOMES = {
 
 __all__ = [
     "C",
+    "Crossings",
     "EnvironmentFault",
     "EvaluationFault",
     "GrammarError",

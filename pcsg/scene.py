@@ -25,8 +25,9 @@ from pcsg.graph.stats import graph_stats
 from pcsg.graph.text import to_pcsg
 from pcsg.graph.unroll import enumerate_states
 from pcsg.graph.validate import check_graph
-from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.lazy import LazyTracer
+from pcsg.trace.rays import check_rays
 from pcsg.trace.store import BLOCK_MEMORY
 from pcsg.trace.tracer import Engine, StatesTracer
 from pcsg.trace.walker import Walker
@@ -377,6 +378,26 @@ class Scene:
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Find whether the solid contains points (N, 3), bool (N,)."""
         return self.tracer.contains(points)
+
+    def intersect_all(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = math.inf,
+    ) -> Crossings:
+        """Find all crossings of every ray in the closed [t_min, t_max], in their order.
+
+        They are the ends of the stretches inside, and the sheets that the ray passes; what lies
+        within another solid is no crossing. Arguments and errors as for `intersect`.
+
+        Returns
+        -------
+        Crossings
+            All rays' rows, one after the other, parted by ``offsets``: ``t``, ``entering``,
+            ``label``, ``normal`` and the other columns of `Hits`.
+        """
+        return self.tracer.find_crossings(check_rays(origins, directions, t_min, t_max))
 
     def spans(self, origins: ArrayLike, directions: ArrayLike) -> Spans:
         """Find all inside intervals of every ray, on the whole line."""

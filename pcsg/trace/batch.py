@@ -11,10 +11,18 @@ from numpy.typing import NDArray
 from pcsg.jit import njit
 from pcsg.leaf.registry import ANY, FIRST, Pool
 from pcsg.trace.merge import SHEET
-from pcsg.trace.surface import Surface, describe_hit
+from pcsg.trace.surface import LABEL, Surface, describe_hit, whole_label
 from pcsg.trace.tables import Tables
 from pcsg.trace.walk import LIST, MEMBERSHIP, SHRINK, walk
-from pcsg.trace.walk_space import ARGUMENTS_AT, ATTRIBUTES_AT, OK, Scratch, chain_map, copy_record
+from pcsg.trace.walk_space import (
+    ARGUMENTS_AT,
+    ATTRIBUTES_AT,
+    OK,
+    RECORD,
+    Scratch,
+    chain_map,
+    copy_record,
+)
 from pcsg.vec import Ray, load_affine, store_affine
 
 
@@ -40,7 +48,7 @@ def _take_first_event(tables: Tables, scratch: Scratch, n: int, ray: Ray) -> int
 
 
 # What a batch asks for.
-SURFACES, OCCLUSION, CONTAINS, INTERVALS = range(4)
+SURFACES, OCCLUSION, CONTAINS, INTERVALS, CROSSINGS = range(5)
 
 OUTPUT_FULL = 100
 """The intervals' arrays are too short."""
@@ -55,11 +63,23 @@ class Intervals(NamedTuple):
         Number of intervals of every ray.
     t_in, t_out : float64 (K,)
         Their ends; equal for a sheet.
+    leaf_in, leaf_out, label_in, label_out : int64 (K,)
+        The leaf nodes whose surfaces these are, and their labels.
     """
 
     counts: NDArray[np.int64]
     t_in: NDArray[np.float64]
     t_out: NDArray[np.float64]
+    leaf_in: NDArray[np.int64]
+    leaf_out: NDArray[np.int64]
+    label_in: NDArray[np.int64]
+    label_out: NDArray[np.int64]
+
+
+def make_intervals(counts: NDArray[np.int64], room: int) -> Intervals:
+    """Return room for intervals of rays with these counts."""
+    times = np.empty(room), np.empty(room)
+    return Intervals(counts, *times, *(np.empty(room, np.int64) for _ in range(4)))
 
 
 @njit
@@ -69,17 +89,74 @@ def _write_intervals(scratch: Scratch, n: int, used: int, out: Intervals) -> int
     entered = -1
     for k in range(n):
         t = scratch.event_t[k]
-        if scratch.event_about[2 * k + 1] == SHEET:
-            out.t_in[used + count] = t
-            out.t_out[used + count] = t
+        record = scratch.event_about[2 * k]
+        leaf = scratch.record_about[3 * record]
+        label = whole_label(scratch.records[record * RECORD + ATTRIBUTES_AT + LABEL])
+        sheet = scratch.event_about[2 * k + 1] == SHEET
+        leaves = not sheet and entered >= 0
+        at = entered if leaves else used + count
+        if not leaves:
+            out.t_in[at], out.leaf_in[at], out.label_in[at] = t, leaf, label
+            out.t_out[at], out.leaf_out[at], out.label_out[at] = math.inf, -1, -1
             count += 1
-        elif entered < 0:
-            entered = used + count
-            out.t_in[entered], out.t_out[entered] = t, math.inf
-            count += 1
-        else:
-            out.t_out[entered] = t
-            entered = -1
+        if sheet or leaves:
+            out.t_out[at], out.leaf_out[at], out.label_out[at] = t, leaf, label
+        if not sheet:
+            entered = -1 if leaves else at
+    return count
+
+
+@njit
+def _write_crossings(
+    tables: Tables,
+    pool: Pool,
+    scratch: Scratch,
+    n: int,
+    ray: Ray,
+    used: int,
+    out: Surface,
+    entering: NDArray[np.bool_],
+) -> int:
+    """Write what of a list of n events lies in [tmin, tmax] from `used` on; return how much."""
+    count = 0
+    inside = False
+    r = scratch.records
+    for k in range(n):
+        sheet = scratch.event_about[2 * k + 1] == SHEET
+        if not sheet:
+            inside = not inside
+        t = scratch.event_t[k]
+        if math.isinf(t) or not ray.tmin <= t <= ray.tmax:
+            continue
+        record = scratch.event_about[2 * k]
+        node = scratch.record_about[3 * record]
+        m = chain_map(
+            tables.kind,
+            tables.detail,
+            tables.matrices,
+            scratch.chain,
+            scratch.chain_matrices,
+            scratch.record_about[3 * record + 1],
+        )
+        at = record * RECORD
+        describe_hit(
+            out,
+            used + count,
+            ray,
+            t,
+            node,
+            tables.detail[node],
+            Ray(r[at], r[at + 1], r[at + 2], r[at + 3], r[at + 4], r[at + 5], ray.tmin, ray.tmax),
+            r,
+            at + ARGUMENTS_AT,
+            pool,
+            m,
+            scratch.record_about[3 * record + 2],
+            r,
+            at + ATTRIBUTES_AT,
+        )
+        entering[used + count] = inside and not sheet
+        count += 1
     return count
 
 
@@ -109,7 +186,9 @@ def trace_batch(
     asked
         SURFACES: first crossings, into `surface`. OCCLUSION: whether there is one, into `flags`.
         CONTAINS: whether the origins are inside, into `flags`. INTERVALS: all of them on
-        [t_min, t_max], into `intervals` from `used` on.
+        [t_min, t_max], into `intervals` from `used` on. CROSSINGS: all ends of these, into
+        `surface` from `used` on, and whether they enter, into `flags`; their numbers into the
+        counts of `intervals`.
 
     Returns
     -------
@@ -160,8 +239,14 @@ def trace_batch(
                     r,
                     ATTRIBUTES_AT,
                 )
-        elif asked != INTERVALS:
+        elif asked <= CONTAINS:
             flags[i] = n > 0
+        elif asked == CROSSINGS:
+            if used + n > len(flags):
+                return OUTPUT_FULL, i, used
+            counts = intervals.counts
+            counts[i] = _write_crossings(tables, pool, scratch, n, ray, used, surface, flags)
+            used += counts[i]
         elif used + n > len(intervals.t_in):
             return OUTPUT_FULL, i, used
         else:

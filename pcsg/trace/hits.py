@@ -72,8 +72,43 @@ class Spans:
     offsets : int64 (N + 1,)
     t_in, t_out : float64 (offsets[-1],)
         Where a ray enters and leaves; equal for a sheet, infinite for unbounded solids.
+    leaf_in, leaf_out : int64 (offsets[-1],)
+        Numbers of the leaf nodes whose surfaces it passes there.
+    label_in, label_out : int64 (offsets[-1],)
+        Their labels as the grammar sets them, -1 where none is set.
     """
 
     offsets: NDArray[np.int64]
     t_in: NDArray[np.float64]
     t_out: NDArray[np.float64]
+    leaf_in: NDArray[np.int64]
+    leaf_out: NDArray[np.int64]
+    label_in: NDArray[np.int64]
+    label_out: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Crossings(Hits):
+    """All crossings of N rays, in order; those of ray i are ``[offsets[i], offsets[i + 1])``.
+
+    Attributes
+    ----------
+    offsets : int64 (N + 1,)
+    ray : int64 (K,)
+        Which ray crosses.
+    entering : bool (K,)
+        Whether it enters a solid there. False where it leaves one, and for sheets.
+    sheet : bool (K,)
+        Whether it passes a sheet, which has no inside.
+
+    The other columns are those of `Hits`, one row for each crossing.
+    """
+
+    offsets: NDArray[np.int64]
+    ray: NDArray[np.int64]
+    entering: NDArray[np.bool_]
+    sheet: NDArray[np.bool_]
+
+    def replaced(self, **values: Any) -> Crossings:
+        """Return the same crossings with other values of some columns."""
+        return Crossings(**(self.columns() | values))

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from pcsg.leaf.registry import ANY, Pool
 from pcsg.trace.blocks import Blocks
 from pcsg.trace.coverage import Footprint
-from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.pool import ModelPool
 from pcsg.trace.rays import Rays, count_processors, shape_rays
-from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, Trees
+from pcsg.trace.traversal import HIT, MISS, UNDECIDED, Scratch, Trees
 from pcsg.trace.walker import Walker
 
 
@@ -140,6 +140,15 @@ class StatesEngine:
     def spans(self, origins: ArrayLike, directions: ArrayLike) -> Spans:
         """Find all inside intervals of every ray, on the whole line."""
         return self.walker.spans(origins, directions)
+
+    def find_crossings(self, rays: Rays) -> Crossings:
+        """Find all crossings of checked rays; only those that meet something are walked."""
+        met = np.flatnonzero(self._find(rays, ANY, None, None) != MISS)
+        found = self.walker.find_crossings(rays.take(met))
+        counts = np.zeros(len(rays.origins), np.int64)
+        counts[met] = np.diff(found.offsets)
+        offsets = np.concatenate([[0], np.cumsum(counts)])
+        return found.replaced(offsets=offsets, ray=met[found.ray])
 
     def _find_hits(self, rays: Rays, footprint: Footprint | None) -> Hits:
         """Return the first crossings."""

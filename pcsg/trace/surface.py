@@ -17,6 +17,17 @@ from pcsg.vec import Affine, Ray, Vec3, normalize, transform_normal
 OWN_SLOTS = tuple(ATTRIBUTE_SLOTS.index(f"@{name}") for name in ("red", "green", "blue", "label"))
 """Attribute slots that a leaf may fill itself."""
 
+LABEL = ATTRIBUTE_SLOTS.index("@label")
+
+MOST = 2.0**53
+"""Largest label; larger ones are cut off there."""
+
+
+@njit
+def whole_label(x: float) -> int:
+    """Return a label as a whole number: towards zero; -1 for none."""
+    return int(min(max(x, -MOST), MOST)) if x == x else -1
+
 
 class Surface(NamedTuple):
     """What is known of the first hits of N rays.
@@ -64,7 +75,7 @@ class Surface(NamedTuple):
             uv=self.uv,
             other_uv=self.other_uv,
             leaf=self.leaf,
-            label=a[:, 6].astype(np.int64),
+            label=np.clip(a[:, LABEL], -MOST, MOST).astype(np.int64),
             color=np.ascontiguousarray(a[:, :3]),
             material=a[:, 3].astype(np.int64),
             texture=a[:, 4].astype(np.int64),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,14 +26,16 @@ from pcsg.leaf.registry import Pool
 from pcsg.trace import walk_space as ended
 from pcsg.trace.batch import (
     CONTAINS,
+    CROSSINGS,
     INTERVALS,
     OCCLUSION,
     OUTPUT_FULL,
     SURFACES,
     Intervals,
+    make_intervals,
     trace_batch,
 )
-from pcsg.trace.hits import Hits, Spans
+from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.pool import pool_of
 from pcsg.trace.rays import Rays, check_points, check_rays, count_processors, run_chunks
 from pcsg.trace.surface import Surface, make_surface
@@ -235,37 +237,79 @@ class Walker:
     def spans(self, origins: ArrayLike, directions: ArrayLike) -> Spans:
         """Find all inside intervals of every ray, on the whole line."""
         rays = check_rays(origins, directions, -math.inf, math.inf)
+        counts = np.zeros(len(rays.origins), np.int64)
+        parts = self._gather(
+            rays,
+            INTERVALS,
+            lambda room: make_intervals(counts, room),
+            lambda made: {"intervals": made},
+            lambda made: made[1:],
+        )
+        return Spans(_offsets(counts), *parts)
+
+    def find_crossings(self, rays: Rays) -> Crossings:
+        """Find all crossings of checked rays."""
         n = len(rays.origins)
         counts = np.zeros(n, np.int64)
-        parts: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+        intervals = make_intervals(counts, 0)
+        *columns, entering = self._gather(
+            rays,
+            CROSSINGS,
+            lambda room: (make_surface(room), np.empty(room, np.bool_)),
+            lambda made: {"surface": made[0], "flags": made[1], "intervals": intervals},
+            lambda made: (*made[0], made[1]),
+        )
+        hits = Surface(*columns).hits()
+        sheets = np.array([isinstance(x, Leaf) and x.is_sheet for x in self.graph.nodes])
+        return Crossings(
+            **hits.columns(),
+            offsets=_offsets(counts),
+            ray=np.repeat(np.arange(n), counts),
+            entering=entering,
+            sheet=sheets[hits.leaf],
+        )
+
+    def _gather(
+        self,
+        rays: Rays,
+        asked: int,
+        make: Callable[[int], Any],
+        given: Callable[[Any], dict[str, Any]],
+        columns: Callable[[Any], Sequence[NDArray[Any]]],
+    ) -> list[NDArray[Any]]:
+        """Ask for several rows a ray and return their columns, in the order of the rays.
+
+        Parameters
+        ----------
+        make
+            Returns room for so many rows.
+        given
+            Returns it as arguments of `_trace`.
+        columns
+            Returns its columns.
+        """
+        # A chunk may be asked again from a ray on, with a larger working space.
+        parts: dict[int, list[NDArray[Any]]] = {}
 
         def work(begin: int, end: int, scratch: Scratch) -> tuple[int, int]:
-            room = 2 * (end - begin) + 64
-            out = Intervals(counts, np.empty(room), np.empty(room))
-            i, used, status = begin, 0, ended.OK
-            while i < end:
+            room = make(2 * (end - begin) + 64)
+            i, used, done = begin, 0, begin
+            while True:
                 status, i, used = self._trace(
-                    scratch, INTERVALS, rays, i, end, intervals=out, used=used
+                    scratch, asked, rays, i, end, used=used, **given(room)
                 )
-                if status == OUTPUT_FULL:
-                    more = np.empty(len(out.t_in) + len(scratch.event_t))
-                    out = Intervals(
-                        counts, np.concatenate([out.t_in, more]), np.concatenate([out.t_out, more])
-                    )
-                elif status != ended.OK:
-                    break
-            parts[begin] = out.t_in[:used].copy(), out.t_out[:used].copy()
-            return status, i
+                if used:
+                    parts[done] = [a[:used].copy() for a in columns(room)]
+                if status != OUTPUT_FULL:
+                    return status, i
+                # The next room holds all of this ray, and is larger.
+                room = make(2 * len(columns(room)[0]) + len(scratch.event_t))
+                used, done = 0, i
 
-        self._run(n, work)
+        self._run(len(rays.origins), work)
+        none = [a[:0] for a in columns(make(0))]
         ordered = [parts[begin] for begin in sorted(parts)]
-        offsets = np.concatenate([[0], np.cumsum(counts)])
-        empty = np.empty(0)
-        return Spans(
-            offsets,
-            np.concatenate([empty, *(a for a, _ in ordered)]),
-            np.concatenate([empty, *(b for _, b in ordered)]),
-        )
+        return [np.concatenate(column) for column in zip(none, *ordered, strict=True)]
 
     def _trace(
         self,
@@ -370,4 +414,8 @@ def _model_values(states: StateGraph | None) -> dict[int, dict[tuple[float, ...]
 
 _NO_SURFACE = make_surface(0)
 _NO_FLAGS = np.zeros(0, np.bool_)
-_NO_INTERVALS = Intervals(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+_NO_INTERVALS = make_intervals(np.zeros(0, np.int64), 0)
+
+
+def _offsets(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(counts)])
