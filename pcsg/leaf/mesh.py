@@ -129,8 +129,8 @@ class MeshModel(Constant, Model):
         hashed = hashlib.sha256()
         mesh = self.polygons
         said = (mesh.corner_uv, mesh.corner_normals, mesh.corner_colors)
-        for array in (mesh.vertices, mesh.corners, mesh.offsets, *said):
-            hashed.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
+        for numbers in (mesh.vertices, mesh.corners, mesh.offsets, *said):
+            hashed.update(b"" if numbers is None else np.ascontiguousarray(numbers).tobytes())
         return hashed.hexdigest()
 
     @property

@@ -131,7 +131,7 @@ class _Reader:
 
     def resolve(self, written: list[int], kind: int, known: int) -> Integers:
         """Return indices from 0 and -1 for what is not there: all count, above and below."""
-        above = np.repeat([a[kind] for a in self.above], self.counts)
+        above = np.repeat(np.array(self.above, np.int64).reshape(-1, 3)[:, kind], self.counts)
         beyond = known + 1
         # Integers of any size may stand in a file.
         said = np.array([min(max(k, -beyond), beyond) for k in written], np.int64)
