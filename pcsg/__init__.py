@@ -7,6 +7,7 @@ and primitive of the language is a name here, too: ``move``, ``color``, ``sphere
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
@@ -89,7 +90,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
-    if not name.startswith("_"):
+    # `from pcsg import errors` asks for a module first as if it were a name.
+    if not name.startswith("_") and find_spec(f"pcsg.{name}") is None:
         constructors = import_module("pcsg.graph.build").CONSTRUCTORS
         if name in constructors:
             return constructors[name]

@@ -4,8 +4,7 @@ A kernel reaches functions, types and values: by globals, defaults and closures,
 also kernels of leaves that are registered elsewhere, and through intrinsics plain functions that
 run while it is compiled. Digested are the code and the values themselves, as they are in memory,
 the source files of all modules that are met on the way, and the tools: compiler and processor.
-What is of a kind that cannot be digested makes the digest one of this process only, so that nothing
-is found under it later.
+Where something is of a kind that cannot be digested there is no digest, and nothing is kept.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ class Fingerprint(NamedTuple):
     Attributes
     ----------
     digest
-        Hexadecimal.
+        Hexadecimal; empty where something could not be digested.
     files
         Source files that it is taken over.
     unknown
@@ -141,15 +140,8 @@ def fingerprint(kernel: Any) -> Fingerprint:
         files |= part.files
     for path in sorted(files):
         digest.update(str(path.name).encode() + _content(path))
-    if unknown:
-        digest.update(_nonce())
-    return Fingerprint(digest.hexdigest()[:32], frozenset(files), tuple(unknown))
-
-
-@cache
-def _nonce() -> bytes:
-    """Return what no other process has."""
-    return os.urandom(32)
+    told = "" if unknown else digest.hexdigest()[:32]
+    return Fingerprint(told, frozenset(files), tuple(unknown))
 
 
 def _has_identity(item: Any) -> bool:

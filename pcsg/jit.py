@@ -78,7 +78,7 @@ class Kernel:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Digest of all that its machine code depends on."""
+        """Digest of all that its machine code depends on; empty where there is none."""
         return fingerprint(self).digest
 
     @cached_property

@@ -24,12 +24,14 @@ _LOCK = RLock()
 
 
 def _name(fingerprint: str, kinds: str) -> str:
-    """Return the name of the file of a kernel, or function, for some types."""
-    return f"{fingerprint}-{hashlib.sha256(kinds.encode()).hexdigest()[:32]}.code"
+    """Return the name of the file of a kernel, or function, for some types; empty for none."""
+    return fingerprint and f"{fingerprint}-{hashlib.sha256(kinds.encode()).hexdigest()[:32]}.code"
 
 
 def _keep(name: str, compile_now: Callable[[], Code]) -> Code | None:
     """Return what is kept under a name, or compile it; None where that is not possible."""
+    if not name:
+        return compile_now() if is_linkable() else None
     cache = opened()
     code = cache.read(name)
     if code is not None:
@@ -45,7 +47,7 @@ def _keep(name: str, compile_now: Callable[[], Code]) -> Code | None:
 
 def is_kept(fingerprint: str) -> bool:
     """Return whether a kernel was compiled before, and kept."""
-    return opened().has(f"{fingerprint}-")
+    return bool(fingerprint) and opened().has(f"{fingerprint}-")
 
 
 def load_function(fingerprint: str, signature: str, function: Any, options: dict[str, Any]) -> int:
@@ -56,7 +58,7 @@ def load_function(fingerprint: str, signature: str, function: Any, options: dict
     Parameters
     ----------
     fingerprint
-        Of the function and all that is compiled into it.
+        Of the function and all that is compiled into it; empty where nothing may be kept.
     signature
         As numba writes it.
     """

@@ -109,7 +109,10 @@ def test_the_rule_can_fail() -> None:
     assert may_import("graph", "leaf")
 
 
-@pytest.mark.parametrize("statement", ["import pcsg", "import pcsg; pcsg.__version__"])
+@pytest.mark.parametrize(
+    "statement",
+    ["import pcsg", "import pcsg; pcsg.__version__", "from pcsg import errors, outputs"],
+)
 def test_import_pcsg_loads_nothing_heavy(statement: str) -> None:
     code = f"{statement}; import sys; print(*sys.modules)"
     done = subprocess.run(

@@ -22,6 +22,9 @@ def announce_compiling(entry: Any, time: str) -> None:
 
     if is_cached(entry):
         return
+    if not entry.fingerprint:
+        say(f"compiling kernels, at every run, for a leaf uses what cannot be compared: {time}")
+        return
     obstacle = opened().obstacle
     if not obstacle:
         say(f"compiling kernels, which are kept for later runs: {time}")

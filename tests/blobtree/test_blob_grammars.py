@@ -11,6 +11,7 @@ import pcsg
 from pcsg import Scene, blob
 from pcsg import blobtree as b
 from pcsg.blobtree.model import Model
+from pcsg.blobtree.native import address, join_address, split_address
 from pcsg.errors import GrammarError
 from pcsg.leaf.blob import Blob, FieldSource
 from pcsg.leaf.dispatch import leaf_crossings
@@ -206,3 +207,16 @@ def test_faults_of_a_blob_tell_their_line() -> None:
 def test_names_of_fields_are_ordinary_names_elsewhere() -> None:
     scene = pcsg.loads("{segment = 2; bend = 1} point\npoint = uscale(segment*bend) sphere")
     np.testing.assert_allclose(scene.bounds, [[-2] * 3, [2] * 3])
+
+
+@pytest.mark.parametrize("where", [0x7FFF_FFFF, 0xFFFF_FFFF, 2**53 + 1, 0x7FFF_89AB_CDEF_0123])
+def test_addresses_are_kept_in_every_bit(where: int) -> None:
+    lower, upper = split_address(where)
+    assert join_address(lower, upper) == where
+
+
+def test_models_hold_the_address_among_their_integers() -> None:
+    model = Blob.make_model((FieldSource(b.point(1)),), ())
+    np.testing.assert_array_equal(model.data.integers[:2], split_address(address()))
+    assert model.data.integers.dtype == np.int32
+    assert float(address()) not in model.data.doubles
