@@ -49,10 +49,18 @@ _F, _M, _S, _N, _T, _G, _R = Stage
 CATALOGUE: dict[str, Mistake] = {
     mistake.code: mistake
     for mistake in (
-        Mistake("file-missing", _F, "The file is not there, is a directory, or cannot be read."),
+        Mistake(
+            "file-missing",
+            _F,
+            "The file is not there, is a folder or no ordinary file, or cannot be read.",
+        ),
         Mistake("file-too-large", _F, "Grammars are small; a file above 16 MB is not one."),
         Mistake("not-utf8", _F, "Grammars are UTF-8 text. The caret stands at the first bad byte."),
-        Mistake("include-missing", _F, "The file that `#include` names cannot be read."),
+        Mistake(
+            "include-missing",
+            _F,
+            "The file that `#include` names cannot be read, or its name does not end in `.pcsg`.",
+        ),
         Mistake(
             "include-outside",
             _F,
@@ -66,6 +74,13 @@ CATALOGUE: dict[str, Mistake] = {
             "are no numbers, corners that differ by rounding, facets that were inside out. The "
             "rest is used.",
             "warning",
+        ),
+        Mistake(
+            "file-outside",
+            _F,
+            "What holds for `#include` holds for every file that a grammar names: models, meshes, "
+            "species, textures and skies lie in the folder of the root file or below, or where "
+            "`--include DIR` allows it; links count for where they lead.",
         ),
         Mistake(
             "bad-file",

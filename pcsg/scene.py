@@ -58,7 +58,7 @@ def load(
     Parameters
     ----------
     include
-        Folders beside the file's own that ``#include`` may reach.
+        Folders beside the file's own whose files the grammar may name.
     parameters, **more
         Values in place of those that the axiom assigns; SEED and TIME.
     engine, threads, max_memory, block_memory
@@ -91,6 +91,7 @@ def loads(
     text: str,
     *,
     name: str = "<text>",
+    include: Sequence[str | Path] = (),
     parameters: Mapping[str, float] | None = None,
     engine: Engine = "auto",
     threads: int | None = None,
@@ -98,10 +99,15 @@ def loads(
     block_memory: int | None = None,
     **more: float,
 ) -> Scene:
-    """Return the scene of a grammar in a string; arguments as for `load`."""
+    """Return the scene of a grammar in a string; arguments as for `load`.
+
+    Names of files are relative to the working directory, and lie in it or in ``include``.
+    """
     from pcsg.grammar import load_text
 
-    graph = load_text(arguments.text(text, "text"), name=arguments.text(name, "name"))
+    graph = load_text(
+        arguments.text(text, "text"), name=arguments.text(name, "name"), include=_folders(include)
+    )
     values = {**arguments.numbers(parameters, "parameters"), **more}
     return Scene(
         graph,

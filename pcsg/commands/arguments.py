@@ -12,7 +12,9 @@ File = Annotated[
 ]
 Include = Annotated[
     list[Path],
-    typer.Option("--include", metavar="DIR", help="Further folder that #include may read."),
+    typer.Option(
+        "--include", metavar="DIR", help="Further folder whose files the grammar may name."
+    ),
 ]
 Assignments = Annotated[
     list[str],

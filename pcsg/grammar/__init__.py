@@ -40,7 +40,7 @@ def load_file(path: str | Path, *, include: Iterable[str | Path] = ()) -> Graph:
     path
         The file.
     include
-        Further folders that ``#include`` may reach.
+        Further folders whose files the grammar may name.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def _check(text: Preprocessed) -> tuple[Graph | None, list[Diagnostic]]:
             items.append(item)
             if problem:
                 problems.append(problem)
-    names, found = collect_names(items, SourceSpan(text.root, 0, 0))
+    names, found = collect_names(items, SourceSpan(text.root, 0, 0), text.reach)
     problems += found
     problems += check_names(names)
     settings, found = build_settings(names)

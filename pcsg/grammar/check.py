@@ -300,6 +300,10 @@ def read_constants(
     problems: list[Diagnostic] = []
     solid = LEAF_NAMES[part.name]
     for text, _ in zip(part.texts, solid.constants, strict=False):
+        target = Path(text.span.folder) / text.text
+        if names.reach.find(target) is None:
+            problems.append(names.reach.refuse(target, text.span))
+            continue
         key = solid.name, text.span.folder, text.text
         found = names.constants.get(key)
         if found is None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, SourceSpan, UsageError
 from pcsg.grammar import syntax
+from pcsg.grammar.reach import Reach
 from pcsg.grammar.syntax import Name, Rule, Solid
 from pcsg.leaf.registry import Constant
 
@@ -49,9 +50,13 @@ class Names:
 
     Attributes
     ----------
+    reach
+        Where the files that they name may lie.
     constants
         What texts among arguments stand for, by primitive, folder and text; or why they do not.
     """
+
+    reach: Reach
 
     modules: dict[str, ModuleEntry] = field(default_factory=dict)
     definitions: dict[str, syntax.Definition] = field(default_factory=dict)
@@ -67,7 +72,7 @@ class Names:
 
 
 def collect_names(
-    items: Iterable[syntax.Item], start: SourceSpan
+    items: Iterable[syntax.Item], start: SourceSpan, reach: Reach
 ) -> tuple[Names, list[Diagnostic]]:
     """Enter all items into tables and report what is there twice or missing.
 
@@ -75,8 +80,10 @@ def collect_names(
     ----------
     start
         The start of the root file, where a missing axiom is reported.
+    reach
+        Where the files that they name may lie.
     """
-    names = Names()
+    names = Names(reach)
     problems: list[Diagnostic] = []
     axioms: list[syntax.Axiom] = []
     axiom_broken = False

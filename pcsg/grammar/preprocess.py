@@ -6,21 +6,26 @@ replaced: a macro holds before and after its place.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pcsg.catalogue import diagnose
-from pcsg.errors import Diagnostic, Source, SourceSpan
+from pcsg.errors import Diagnostic, PcsgError, Source, SourceSpan
 from pcsg.grammar.macros import Expander, Macro, line_end, take_define, usable_macros
+from pcsg.grammar.reach import Reach
 from pcsg.grammar.tokens import Token, join, tokenize, words
 from pcsg.graph.graph import GLOBALS
 from pcsg.graph.words import is_name
 from pcsg.growth.leaf import is_species, species_mistakes
+from pcsg.inputs import TooLargeError, read_bytes
 from pcsg.skeletonfile import SKELETON_ENDINGS
 
 MAX_BYTES = 16 * 2**20
 """A longer file is refused."""
+
+ENDING = ".pcsg"
+"""Of files that are included: a mistake in one quotes its lines, which may be of use to others."""
 
 
 @dataclass
@@ -63,11 +68,18 @@ sky { zenith = (0.16, 0.33, 0.66); horizon = (0.62, 0.70, 0.78) }
 
 @dataclass
 class Preprocessed:
-    """The root file, and the tokens of every file, the root first, macros replaced."""
+    """The root file, and the tokens of every file, the root first, macros replaced.
+
+    Attributes
+    ----------
+    reach
+        Where files that they name may lie.
+    """
 
     root: Source | None
     files: list[list[Token]]
     problems: list[Diagnostic]
+    reach: Reach
 
 
 def model_grammar(suffix: str, text: str) -> str | None:
@@ -93,7 +105,8 @@ def _plant_grammar(text: str) -> str:
 
 def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
     """Read a file and what it includes."""
-    source, problems = _read(path, str(path))
+    source, problems = _read(path)
+    named = None
     if source is not None:
         form = model_grammar(path.suffix, source.text)
         if form == GROWING:
@@ -103,35 +116,33 @@ def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
 
             problems += lsystem_mistakes(source.text, source.name)
         if form is not None:
+            named = path
             text = form.replace("NAME", path.name)
             folder = str(path.parent)
             wrong = any(p.severity == "error" for p in problems)
             source = None if wrong else Source(str(path), text, folder, written=False)
     if source is None:
-        return Preprocessed(None, [], problems)
-    return _preprocess(source, path.resolve(), path.parent, include, problems)
+        return Preprocessed(None, [], problems, Reach(()))
+    reach = Reach.of(path.parent, include, named)
+    return _preprocess(source, path.resolve(), path.parent, reach, problems)
 
 
 def preprocess_text(text: str, name: str, include: Iterable[str | Path]) -> Preprocessed:
     """Read a text and what it includes; paths are relative to the working directory."""
     # A text from a file read elsewhere may begin with a byte order mark.
     source = Source(name, text.removeprefix("\ufeff"))
-    return _preprocess(source, None, Path(), include, [])
+    return _preprocess(source, None, Path(), Reach.of(Path(), include), [])
 
 
-def _read(path: Path, name: str) -> tuple[Source | None, list[Diagnostic]]:
+def _read(path: Path) -> tuple[Source | None, list[Diagnostic]]:
     """Return the text of a file, as far as it is text."""
+    name = str(path)
     try:
-        if path.is_dir():
-            return None, [diagnose("file-missing", f"`{name}` is a directory, not a grammar")]
-        if not path.is_file():
-            return None, [diagnose("file-missing", f"there is no file `{name}`")]
-        if path.stat().st_size > MAX_BYTES:
-            return None, [diagnose("file-too-large", f"`{name}` is larger than 16 MB")]
-        data = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = getattr(error, "strerror", None) or error
-        return None, [diagnose("file-missing", f"cannot read `{name}`: {reason}")]
+        data = read_bytes(path, "grammar", MAX_BYTES)
+    except TooLargeError as error:
+        return None, [diagnose("file-too-large", str(error))]
+    except PcsgError as error:
+        return None, [diagnose("file-missing", str(error))]
     try:
         return Source(name, data.decode("utf-8-sig"), str(path.parent)), []
     except UnicodeDecodeError as error:
@@ -148,10 +159,9 @@ def _preprocess(
     root: Source,
     root_path: Path | None,
     folder: Path,
-    include: Iterable[str | Path],
+    reach: Reach,
     problems: list[Diagnostic],
 ) -> Preprocessed:
-    allowed = [folder.resolve(), *(Path(p).resolve() for p in include)]
     macros: dict[str, Macro] = {}
     units: dict[Path | None, Unit] = {}
     # Files still to cut into tokens, with the folder that their includes are relative to.
@@ -167,13 +177,13 @@ def _preprocess(
         unit.tokens = _take_directives(tokens, macros, includes, problems)
         for token, span in includes:
             target = folder / token.text[1:-1]
-            resolved = _resolve(target, span, allowed, problems)
+            resolved = _find(target, span, reach, problems)
             if resolved is None:
                 continue
             unit.includes.append((resolved, span))
             if resolved in units:
                 continue
-            text, trouble = _read(resolved, str(target))
+            text, trouble = _read(target)
             for p in trouble:
                 code = "include-missing" if p.span is None else p.code
                 problems.append(diagnose(code, p.message, p.span or span, hint=p.hint))
@@ -183,28 +193,19 @@ def _preprocess(
     usable = usable_macros(macros, problems)
     expander = Expander(usable, problems)
     files = [expander.expand(unit.tokens) for unit in units.values()]
-    return Preprocessed(root, files, problems)
+    return Preprocessed(root, files, problems, reach)
 
 
-def _resolve(
-    target: Path, span: SourceSpan, allowed: Sequence[Path], problems: list[Diagnostic]
-) -> Path | None:
-    try:
-        resolved = target.resolve()
-    except (OSError, ValueError, RuntimeError):
-        problems.append(diagnose("include-missing", f"cannot read `{target}`", span))
-        return None
-    if any(resolved.is_relative_to(folder) for folder in allowed):
-        return resolved
-    problems.append(
-        diagnose(
-            "include-outside",
-            f"`{target}` is outside the folder of the root file",
-            span,
-            hint="allow its folder with --include DIR",
-        )
-    )
-    return None
+def _find(target: Path, span: SourceSpan, reach: Reach, problems: list[Diagnostic]) -> Path | None:
+    """Return where an included file lies, without links; None if it may not be read."""
+    found = reach.find(target)
+    if found is None:
+        problems.append(reach.refuse(target, span, "include-outside"))
+    elif found.suffix.lower() != ENDING:
+        message = f"`{target}` is no grammar: the name of one ends in {ENDING}"
+        problems.append(diagnose("include-missing", message, span))
+        found = None
+    return found
 
 
 def _include_cycles(units: Mapping[Path | None, Unit]) -> list[Diagnostic]:

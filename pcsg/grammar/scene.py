@@ -8,9 +8,10 @@ from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, suggest
 from pcsg.grammar.check import check_numbers, unknown_reference
 from pcsg.grammar.names import Names
+from pcsg.grammar.reach import Reach
 from pcsg.grammar.syntax import Name, SettingItem, Value
 from pcsg.graph.expr import Expr, Number, Parameter, asks_world
-from pcsg.graph.settings import AUTO, SETTINGS, Key, Setting, SettingKind, ValueKind
+from pcsg.graph.settings import AUTO, SETTINGS, FileName, Key, Setting, SettingKind, ValueKind
 
 _VECTORS = (ValueKind.VECTOR, ValueKind.COLOR)
 
@@ -35,7 +36,7 @@ def build_settings(names: Names) -> tuple[list[Setting], list[Diagnostic]]:
             )
             continue
         problems += _check_head(item, kind, first)
-        values = _build_values(item, kind, named, problems)
+        values = _build_values(item, kind, named, names.reach, problems)
         name = item.name.text if item.name else None
         settings.append(Setting(kind, name, values, item.span))
     return settings, problems
@@ -64,6 +65,7 @@ def _build_values(
     item: SettingItem,
     kind: SettingKind,
     named: Mapping[str, set[str]],
+    reach: Reach,
     problems: list[Diagnostic],
 ) -> dict[str, tuple[Expr, ...] | str]:
     values: dict[str, tuple[Expr, ...] | str] = {}
@@ -86,7 +88,7 @@ def _build_values(
         first[name.text] = name
         if key.default is None and _is_auto(value, named.get(key.refers_to or "", ())):
             continue
-        built = _build_value(key, value, problems)
+        built = _build_value(key, value, reach, problems)
         if built is None:
             continue
         if key.refers_to and isinstance(built, str) and built not in named[key.refers_to]:
@@ -104,13 +106,16 @@ def _is_auto(value: Value, names: Collection[str]) -> bool:
 
 
 def _build_value(
-    key: Key, value: Value, problems: list[Diagnostic]
+    key: Key, value: Value, reach: Reach, problems: list[Diagnostic]
 ) -> tuple[Expr, ...] | str | None:
     """Return a value as the key takes it; None if it does not."""
     kind = key.kind
-    if kind is ValueKind.TEXT:
+    if kind is ValueKind.FILE:
         if value.text is not None:
-            return value.text
+            file = FileName(value.text, value.span.folder)
+            if reach.find(file.path) is None:
+                problems.append(reach.refuse(file.path, value.span))
+            return file
     elif kind in (ValueKind.WORD, ValueKind.NAME):
         word = value.numbers[0] if len(value.numbers) == 1 else None
         if isinstance(word, Parameter) and (kind is ValueKind.NAME or word.name in key.words):

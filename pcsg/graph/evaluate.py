@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from pcsg.errors import Diagnostic, GrammarError
 from pcsg.graph.expr import Expr
 from pcsg.graph.graph import GLOBALS, Graph
-from pcsg.graph.settings import SETTINGS, Setting, ValueKind
+from pcsg.graph.settings import SETTINGS, FileName, Setting, ValueKind
 from pcsg.graph.tape import Fault, Program
 
 
@@ -62,10 +61,7 @@ def _values(setting: Setting, known: Mapping[str, float]) -> dict[str, Any]:
         found["name"] = setting.name
     for key, written in setting.values.items():
         if isinstance(written, str):
-            found[key] = written
-            if setting.kind.keys[key].kind is ValueKind.TEXT and setting.span is not None:
-                # Files are named from where the grammar stands.
-                found[key] = str(Path(setting.span.source.name).parent / written)
+            found[key] = str(written.path) if isinstance(written, FileName) else written
             continue
         numbers = tuple(_evaluate(expr, known) for expr in written)
         spec = setting.kind.keys[key]

@@ -26,7 +26,30 @@ class ValueKind(Enum):
     COLOR = "three numbers (r, g, b), linear"
     WORD = "one of the words"
     NAME = "a name"
-    TEXT = "a text in quotes"
+    FILE = "the name of a file in quotes"
+
+
+class FileName(str):
+    """The name of a file as a grammar writes it; as a text, no more than that.
+
+    Attributes
+    ----------
+    folder
+        What it is relative to.
+    """
+
+    folder: str
+
+    def __new__(cls, name: str, folder: str = "") -> FileName:
+        """Return the name of a file in a folder, by default the working directory."""
+        made = super().__new__(cls, name)
+        made.folder = folder
+        return made
+
+    @property
+    def path(self) -> Path:
+        """Where the file is."""
+        return Path(self.folder) / self
 
 
 @dataclass(frozen=True)
@@ -155,7 +178,7 @@ SETTINGS = {
                 ),
                 "zenith": Key(_C, (0.14, 0.25, 0.44), "colour overhead", **_COLORS),
                 "horizon": Key(_C, (0.52, 0.60, 0.68), "colour at the horizon", **_COLORS),
-                "file": Key(ValueKind.TEXT, None, "picture of kind image: .hdr, .exr or .png"),
+                "file": Key(ValueKind.FILE, None, "picture of kind image: .hdr, .exr or .png"),
                 "strength": Key(_N, 1.0, "its brightness", low=0.0, high=BRIGHT),
                 "turbidity": Key(_N, 3.0, "haze of kind physical", low=1.7, high=10.0),
                 "turn": Key(_N, 0.0, "degrees by which a picture is turned about z", **_TURNS),
@@ -227,7 +250,7 @@ SETTINGS = {
                     low=1e-9,
                     high=FAR,
                 ),
-                "file": Key(ValueKind.TEXT, None, "picture of the kinds image and normals"),
+                "file": Key(ValueKind.FILE, None, "picture of the kinds image and normals"),
             },
             named=True,
             several=True,
@@ -263,7 +286,8 @@ class Setting:
     Attributes
     ----------
     values
-        By key: one expression for a number, three for a vector, the text of a word, name or text.
+        By key: one expression for a number, three for a vector, the text of a word or a name, and
+        a `FileName` for a file.
     """
 
     kind: SettingKind
@@ -288,7 +312,7 @@ def check_value(kind: str, key: str, value: Any) -> Any:
     automatic = value is None or (isinstance(value, str) and value == AUTO)
     if automatic and spec.default is None:
         return None
-    if spec.kind is ValueKind.TEXT and isinstance(value, (str, Path)):
+    if spec.kind is ValueKind.FILE and isinstance(value, (str, Path)):
         return str(value)
     if spec.kind is ValueKind.NAME and isinstance(value, str):
         return value
@@ -296,7 +320,7 @@ def check_value(kind: str, key: str, value: Any) -> Any:
         return value
     if spec.kind is ValueKind.WORD:
         raise UsageError(f"`{key}` of `{kind}` is one of {', '.join(spec.words)}, not {value!r}")
-    if spec.kind in (ValueKind.NAME, ValueKind.TEXT):
+    if spec.kind in (ValueKind.NAME, ValueKind.FILE):
         raise UsageError(f"`{key}` of `{kind}` is {spec.kind.value}, not {value!r}")
     single = spec.kind is ValueKind.NUMBER
     try:

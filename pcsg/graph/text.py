@@ -436,10 +436,12 @@ def _setting_text(setting: Setting) -> str:
 
 def _value_text(setting: Setting, key: str, value: tuple[Expr, ...] | str) -> str:
     if isinstance(value, str):
-        if setting.kind.keys[key].kind is not ValueKind.TEXT:
+        if setting.kind.keys[key].kind is not ValueKind.FILE:
             return value
         if '"' in value or "\n" in value:
-            raise UsageError(f"a text in a grammar has no quotes and no line ends: {value!r}")
+            raise UsageError(
+                f"the name of a file in a grammar has no quotes and no line ends: {value!r}"
+            )
         return f'"{value}"'
     texts = ", ".join(expr_text(e) for e in value)
     return f"({texts})" if len(value) > 1 else texts

@@ -13,7 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pcsg.errors import Diagnostic, GrammarError, UsageError
+from pcsg.errors import Diagnostic, GrammarError, UsageError, suggest
 from pcsg.graph.build import LeafConstructor
 from pcsg.leaf.blob import Blob, BlobModel, BlobSource
 from pcsg.leaf.mesh import Mesh, MeshModel
@@ -136,6 +136,14 @@ def read_growth(text: str, folder: Path) -> Growth:
     """
     from pcsg.growth.species import shipped, species_text
 
+    if text not in shipped() and not text.lower().endswith(".json"):
+        # Mistakes in species quote them: only what calls itself one is read as one.
+        hint = suggest(text, shipped())
+        known = f"the species that come along are {', '.join(shipped())}"
+        raise UsageError(
+            f"there is no species `{text}`: {known}; the name of your own file ends in .json"
+            + (f"; {hint}" if hint else "")
+        )
     name, content = species_text(text if text in shipped() else folder / text)
     key = text, content
     if key not in _READ:

@@ -278,6 +278,9 @@ class Blob(Solid):
         from pcsg.blobtree.plant import read_text
 
         path = folder / text
+        if path.suffix.lower() not in (".lsys", *SKELETON_ENDINGS):
+            # Mistakes in models quote them: only what calls itself a model is read as one.
+            raise UsageError(f"`{text}` is no model: the name of one ends in .lsys, .swc or .json")
         key: tuple[object, ...] = (path,)
         with suppress(OSError, ValueError):  # the reader tells what is wrong
             about = path.stat()
