@@ -19,7 +19,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 
 @dataclass(frozen=True)
@@ -204,9 +204,27 @@ def _place_json(span: SourceSpan | None) -> dict[str, Any]:
 
 
 class PcsgError(Exception):
-    """Base of every error that pcsg raises on purpose."""
+    """Base of every error that pcsg raises on purpose.
+
+    Errors come back from other processes as they were: they pickle by what they were made of.
+    """
 
     exit_status = 2
+
+    _made_of: tuple[Any, ...]
+
+    def __new__(cls, *args: Any) -> Self:
+        """Keep the arguments; what `Exception` keeps is the text."""
+        made = super().__new__(cls, *args)
+        made._made_of = args
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how to make it again."""
+        return type(self), self._made_of, vars(self)
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class GrammarError(PcsgError):
@@ -236,6 +254,24 @@ class EnvironmentFault(PcsgError):
     """The surroundings failed: no space, no permission, no memory."""
 
     exit_status = 1
+
+
+_PICTURES = {
+    **{code: 0x2400 + code for code in range(32) if chr(code) not in "\t\n"},
+    127: 0x2421,
+    # The other set of control characters, and those that turn the direction of writing.
+    **dict.fromkeys([*range(0x80, 0xA0), *range(0x202A, 0x202F), *range(0x2066, 0x206A)], 0xFFFD),
+    # Halves of characters: bytes of a file's name that are no text.
+    **dict.fromkeys(range(0xD800, 0xE000), 0xFFFD),
+}
+
+
+def printable(text: str) -> str:
+    """Return a text that no terminal takes for commands, of the same length.
+
+    Texts quote files, and files may be anybody's: control characters become their pictures.
+    """
+    return text.translate(_PICTURES)
 
 
 def suggest(word: str, candidates: Iterable[str]) -> str | None:

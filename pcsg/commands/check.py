@@ -8,6 +8,8 @@ from pathlib import Path
 
 import typer
 
+from pcsg.errors import printable
+
 
 def run(file: Path, include: Sequence[Path], as_json: bool) -> None:
     """Print the diagnostics of a file; exit status 2 if one is an error."""
@@ -16,10 +18,10 @@ def run(file: Path, include: Sequence[Path], as_json: bool) -> None:
     _, diagnostics = check_file(file, include=include)
     for diagnostic in diagnostics:
         text = json.dumps(diagnostic.to_json()) if as_json else diagnostic.render() + "\n"
-        typer.echo(text)
+        typer.echo(printable(text))
     errors = sum(d.severity == "error" for d in diagnostics)
     if not as_json:
         found = f"{errors} error{'s' if errors != 1 else ''}" if errors else "no errors"
-        typer.echo(f"{file}: {found}")
+        typer.echo(printable(f"{file}: {found}"))
     if errors:
         raise typer.Exit(2)

@@ -13,7 +13,7 @@ from typing import ParamSpec
 
 import typer
 
-from pcsg.errors import EvaluationFault, GrammarError, PcsgError
+from pcsg.errors import EvaluationFault, GrammarError, PcsgError, printable
 
 P = ParamSpec("P")
 
@@ -84,5 +84,5 @@ def _tell(error: BaseException) -> int:
 
 
 def say(text: str) -> None:
-    """Write a line to standard error."""
-    print(text, file=sys.stderr, flush=True)
+    """Write a line to standard error; what it quotes is no command for the terminal."""
+    print(printable(text), file=sys.stderr, flush=True)
