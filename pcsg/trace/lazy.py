@@ -171,7 +171,7 @@ class LazyTracer(StatesEngine):
                 found,
             )
 
-        run_chunks(n, self.threads, work)
+        run_chunks(n, self.threads, work, self._pace)
         return found
 
     def _own(self) -> tuple[Lazy, LazyScratch, Space]:

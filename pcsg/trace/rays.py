@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from functools import cache
+from operator import itemgetter
+from threading import Event, Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +20,22 @@ from pcsg.arguments import array
 from pcsg.errors import UsageError
 
 CHUNK = 16_384
-"""Rays that one thread takes at a time; fewer cost more for starting than they gain."""
+"""Rays that one of several threads takes at a time; fewer cost more for starting than they gain."""
+
+LARGEST_CHUNK = 1 << 18
+"""Rays that a single thread takes at a time."""
+
+FIRST_CHUNK = 1_024
+"""Rays in the first chunk, of which nothing is known yet."""
+
+SMALLEST_CHUNK = 16
+"""Rays in a chunk, however long they take."""
+
+STEP = 16
+"""By which factor a chunk is longer than the one before, at most."""
+
+SECONDS = 0.2
+"""That a chunk should take."""
 
 
 class Rays(NamedTuple):
@@ -131,26 +151,117 @@ def count_processors() -> int:
     return os.cpu_count() or 1
 
 
-def run_chunks(n: int, threads: int, work: Callable[[int, int], None]) -> None:
+class Stopped(Exception):
+    """A call was ended from outside; see `stoppable`."""
+
+
+_called = threading.local()
+
+
+@contextmanager
+def stoppable(stop: Event) -> Iterator[None]:
+    """Let calls of this thread end with `Stopped` soon after an event is set."""
+    _called.stop = stop
+    try:
+        yield
+    finally:
+        del _called.stop
+
+
+class Pace:
+    """How many rays the next chunk takes, so that it ends within a part of a second.
+
+    Python sees an interrupt only between chunks, and nobody knows before how long rays take.
+    """
+
+    def __init__(self) -> None:
+        self._size = FIRST_CHUNK
+
+    def next(self, most: int) -> int:
+        """Return the size of the next chunk."""
+        return min(self._size, most)
+
+    def learn(self, size: int, seconds: float) -> None:
+        """Take in how long a chunk took."""
+        wanted = int(size * SECONDS / max(seconds, 1e-6))
+        self._size = max(SMALLEST_CHUNK, min(wanted, STEP * size, LARGEST_CHUNK))
+
+
+def run_chunks(n: int, threads: int, work: Callable[[int, int], None], pace: Pace) -> None:
     """Call ``work(begin, end)`` for chunks of n rays, in threads if there are several.
 
     The first exception, in the order of the rays, is raised.
+
+    Parameters
+    ----------
+    pace
+        What calls like this one have learnt so far.
     """
-    chunks = [(begin, min(n, begin + CHUNK)) for begin in range(0, n, CHUNK)]
-    if len(chunks) <= 1 or threads == 1:
-        for begin, end in chunks:
-            work(begin, end)
-        return
-    executor = _workers(os.getpid(), threads)
-    futures = [executor.submit(work, begin, end) for begin, end in chunks]
-    try:
-        for future in futures:
-            future.result()
-    except BaseException:
-        for future in futures:
-            future.cancel()
-        wait(futures)
-        raise
+    stop: Event | None = getattr(_called, "stop", None)
+    chunks = _Chunks(n, LARGEST_CHUNK if threads == 1 or n <= CHUNK else CHUNK, pace, work, stop)
+    if threads == 1 or n <= CHUNK:
+        chunks.run()
+    else:
+        executor = _workers(os.getpid(), threads)
+        futures = [executor.submit(chunks.run) for _ in range(min(threads, -(-n // CHUNK)))]
+        try:
+            wait(futures)
+        except BaseException:
+            chunks.end()
+            wait(futures)
+            raise
+    if chunks.errors:
+        raise min(chunks.errors, key=itemgetter(0))[1]
+
+
+class _Chunks:
+    """Chunks of rays that threads take one after the other.
+
+    Attributes
+    ----------
+    errors
+        What was raised, with the first ray of its chunk.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        most: int,
+        pace: Pace,
+        work: Callable[[int, int], None],
+        stop: Event | None,
+    ) -> None:
+        self._n, self._most, self._pace, self._work, self._stop = n, most, pace, work, stop
+        self._next = 0
+        self._lock = Lock()
+        self.errors: list[tuple[int, BaseException]] = []
+
+    def run(self) -> None:
+        """Do chunks until none is left, or something was raised."""
+        while (chunk := self._take()) is not None:
+            begin, end = chunk
+            start = time.perf_counter()
+            try:
+                if self._stop is not None and self._stop.is_set():
+                    raise Stopped
+                self._work(begin, end)
+            except BaseException as error:
+                self.errors.append((begin, error))
+                self.end()
+            self._pace.learn(end - begin, time.perf_counter() - start)
+
+    def end(self) -> None:
+        """Let no chunk begin any more. Those before have begun."""
+        with self._lock:
+            self._next = self._n
+
+    def _take(self) -> tuple[int, int] | None:
+        with self._lock:
+            begin = self._next
+            if begin >= self._n:
+                return None
+            self._next = min(self._n, begin + self._pace.next(self._most))
+            return begin, self._next
 
 
 @cache

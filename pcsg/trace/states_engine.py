@@ -16,7 +16,7 @@ from pcsg.trace.blocks import Blocks
 from pcsg.trace.coverage import Footprint
 from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.pool import ModelPool
-from pcsg.trace.rays import Rays, count_processors, shape_rays
+from pcsg.trace.rays import Pace, Rays, count_processors, shape_rays
 from pcsg.trace.traversal import HIT, MISS, UNDECIDED, Scratch, Trees
 from pcsg.trace.walker import Walker
 
@@ -55,6 +55,7 @@ class StatesEngine:
         self._lock = threading.Lock()
         self._lock_of_ends = threading.Lock()
         self._local = threading.local()
+        self._pace = Pace()
         self._scratches: list[Scratch] = []
         self._rays = 0
 

@@ -131,11 +131,7 @@ class StatesTracer(StatesEngine):
             if status == BAD_RAY:
                 check_values(rays)
 
-        if self.threads == 1 and n > 0:
-            # Every call takes some time to pass all the arrays.
-            work(0, n)
-        else:
-            run_chunks(n, self.threads, work)
+        run_chunks(n, self.threads, work, self._pace)
         return answers
 
     def _own(self) -> tuple[Scratch, Space]:

@@ -37,7 +37,7 @@ from pcsg.trace.batch import (
 )
 from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.pool import pool_of
-from pcsg.trace.rays import Rays, check_points, check_rays, count_processors, run_chunks
+from pcsg.trace.rays import Pace, Rays, check_points, check_rays, count_processors, run_chunks
 from pcsg.trace.surface import Surface, make_surface
 from pcsg.trace.tables import Models, Tables, pack
 from pcsg.trace.walk_space import RECORD, Scratch
@@ -160,6 +160,7 @@ class Walker:
         self._max_bytes = max_bytes
         self._pool: Pool = pool.pool
         self._local = threading.local()
+        self._pace = Pace()
 
     @property
     def nbytes(self) -> dict[str, int]:
@@ -338,7 +339,9 @@ class Walker:
         )
 
     def _run(self, n: int, work: Callable[[int, int, Scratch], tuple[int, int]]) -> None:
-        run_chunks(n, self.threads, lambda begin, end: self._run_chunk(begin, end, work))
+        run_chunks(
+            n, self.threads, lambda begin, end: self._run_chunk(begin, end, work), self._pace
+        )
 
     def _run_chunk(
         self, begin: int, end: int, work: Callable[[int, int, Scratch], tuple[int, int]]

@@ -84,21 +84,6 @@ def test_an_operation_ends_though_something_begins_before() -> None:
     assert scene.intersect([(-0.75, 1.0, -0.5)], [(1.0, 0.0, 0.0)]).t == [1.75]
 
 
-def test_the_first_fault_of_many_threads_is_told_and_nothing_runs_on() -> None:
-    done: list[int] = []
-
-    def work(begin: int, end: int) -> None:
-        if begin in (batches.CHUNK, 3 * batches.CHUNK):
-            raise ValueError(begin)
-        done.append(begin)
-
-    with pytest.raises(ValueError, match=str(batches.CHUNK)):
-        batches.run_chunks(6 * batches.CHUNK, 2, work)
-    count = len(done)
-    batches.run_chunks(2 * batches.CHUNK, 2, lambda begin, end: None)
-    assert len(done) == count
-
-
 def test_threads_keep_their_working_space() -> None:
     scene = pcsg.loads("sphere")
     n = 3 * batches.CHUNK
