@@ -6,21 +6,27 @@ picture is taken up.
 
 from __future__ import annotations
 
-import json
-import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pcsg.errors import EnvironmentFault, UsageError
-from pcsg.outputs import write_whole
+from pcsg.errors import UsageError
+from pcsg.render.archive import Layout, open_archive, write_archive
 from pcsg.render.image import Image
-from pcsg.render.job import Job
+from pcsg.render.job import Job, check_light
 
-_LAYERS = ("rgb", "depth", "normal", "albedo", "label", "leaf", "finished")
+_LAYERS = {
+    "rgb": ((3,), np.float32),
+    "depth": ((), np.float32),
+    "normal": ((3,), np.float32),
+    "albedo": ((3,), np.float32),
+    "label": ((), np.int64),
+    "leaf": ((), np.int32),
+    "finished": ((), np.bool_),
+}
+"""What a tile holds for each pixel."""
 
 
 def checkpoint_path(output: Path) -> Path:
@@ -30,7 +36,7 @@ def checkpoint_path(output: Path) -> Path:
 
 def write_checkpoint(job: Job, path: Path) -> None:
     """Write all that is needed to go on with a picture. Nothing may run meanwhile."""
-    _write(path, job.description, job.state())
+    write_archive(path, job.description, job.state())
 
 
 def resume(job: Job, path: Path) -> bool:
@@ -43,14 +49,14 @@ def resume(job: Job, path: Path) -> bool:
     """
     if not path.exists():
         return False
-    description, arrays = _read(path)
-    if description != job.description:
-        differing = _difference(description, job.description)
-        raise UsageError(
-            f"{path} is the checkpoint of another picture: {differing}; without --resume it is"
-            " overwritten"
-        )
-    job.restore(arrays)
+    with open_archive(path, "checkpoint") as archive:
+        if archive.description != job.description:
+            differing = _difference(archive.description, job.description)
+            raise UsageError(
+                f"{path} is the checkpoint of another picture: {differing}; without --resume it is"
+                " overwritten"
+            )
+        job.restore(archive.read(job.layout()))
     return True
 
 
@@ -64,7 +70,7 @@ def write_tile(job: Job, output: Path) -> Path:
     assert job.options.tile is not None
     path = tile_path(output, job.options.tile)
     image = job.image()
-    _write(path, job.description, {name: getattr(image, name) for name in _LAYERS})
+    write_archive(path, job.description, {name: getattr(image, name) for name in _LAYERS})
     return path
 
 
@@ -82,15 +88,24 @@ def join_tiles(job: Job, output: Path) -> tuple[Image | None, list[Path]]:
     if not all(path.exists() for path in paths):
         return None, paths
     tiles = []
-    for path in paths:
-        description, arrays = _read(path)
-        if description != job.description:
-            raise UsageError(
-                f"{path} is a tile of another picture: {_difference(description, job.description)}"
-            )
-        tiles.append(arrays)
+    for k, path in enumerate(paths, 1):
+        first, last = replace(job.options, tile=(k, parts)).rows
+        shape = (last - first, job.options.size[0])
+        with open_archive(path, "tile") as archive:
+            if archive.description != job.description:
+                differing = _difference(archive.description, job.description)
+                raise UsageError(f"{path} is a tile of another picture: {differing}")
+            tiles.append(archive.read(_layouts(shape)))
+            check_light(tiles[-1])
     layers = {name: np.concatenate([tile[name] for tile in tiles]) for name in _LAYERS}
     return Image(**layers, metadata=job.metadata, view=job.stage.view), paths
+
+
+def _layouts(shape: tuple[int, int]) -> dict[str, Layout]:
+    """Return what the arrays of a tile must be."""
+    return {
+        name: Layout((*shape, *more), np.dtype(dtype)) for name, (more, dtype) in _LAYERS.items()
+    }
 
 
 def _difference(there: Mapping[str, str], here: Mapping[str, str]) -> str:
@@ -100,26 +115,3 @@ def _difference(there: Mapping[str, str], here: Mapping[str, str]) -> str:
             what = name.removeprefix("pcsg:")
             return f"its {what} is {there.get(name, 'not set')}, not {here.get(name, 'not set')}"
     return "nothing differs"
-
-
-def _write(
-    path: Path, description: Mapping[str, str], arrays: Mapping[str, NDArray[np.generic]]
-) -> None:
-    text = np.frombuffer(json.dumps(dict(description)).encode(), dtype=np.uint8)
-
-    def write(file: IO[bytes]) -> None:
-        np.savez(file, **{"description": text, **arrays})  # type: ignore[arg-type]  # stubs say bool
-
-    write_whole(path, write)
-
-
-def _read(path: Path) -> tuple[dict[str, str], dict[str, NDArray[Any]]]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = dict(archive)
-        description = json.loads(arrays.pop("description").tobytes())
-    except OSError as error:
-        raise EnvironmentFault(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, KeyError, zipfile.BadZipFile):
-        raise UsageError(f"{path} is damaged; delete it to begin anew") from None
-    return description, arrays

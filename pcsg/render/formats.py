@@ -83,6 +83,8 @@ def write_exr(
     ------
     EnvironmentFault
         The library is not installed.
+    OSError
+        The system refuses.
     """
     library = load_openexr()
     channels = {}
@@ -102,7 +104,11 @@ def write_exr(
         "type": library.scanlineimage,
         **texts,
     }
-    library.File(header, channels).write(str(path))
+    try:
+        library.File(header, channels).write(str(path))
+    except RuntimeError as error:
+        # What the system says stands behind the name.
+        raise OSError(str(error).rpartition('". ')[2]) from error
 
 
 def load_openexr() -> Any:

@@ -159,6 +159,12 @@ def check_picture(path: Path, aovs: Sequence[str], bits: int = 8) -> None:
             check_output(layer, (".npy",))
     if path.suffix.lower() == ".exr":
         load_openexr()
+        try:
+            str(path.absolute()).encode()
+        except UnicodeEncodeError:
+            raise UsageError(
+                f"cannot write {path}: the library OpenEXR takes no names that are not UTF-8"
+            ) from None
 
 
 def aov_path(path: Path, name: str) -> Path:

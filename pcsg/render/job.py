@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.arguments import shown
-from pcsg.errors import UsageError
+from pcsg.errors import UsageError, printable
+from pcsg.render.archive import Layout
 from pcsg.render.film import Film
 from pcsg.render.image import Image
 from pcsg.render.integrators import Integrator, Purpose, Samples
@@ -30,6 +31,7 @@ from pcsg.render.preview import Preview
 from pcsg.render.sampler import Sampler
 from pcsg.render.stage import Stage, build_stage
 from pcsg.render.tracer import Bools, Floats, Ints, RenderScene
+from pcsg.trace.rays import Stopped, stoppable
 
 BATCH = 1 << 14
 """Camera rays per batch."""
@@ -165,7 +167,9 @@ class Job:
         self.sampler = Sampler(options.size, options.samples, options.seed)
         self.integrator: Integrator = MODES[self.stage.mode](self.stage, self.sampler)
         self.description = describe(scene, options)
-        self.metadata = {**self.description, **(metadata or {})}
+        # Names of files need not be text, but what a picture's file says must be.
+        more = {name: printable(text) for name, text in (metadata or {}).items()}
+        self.metadata = {**self.description, **more}
         self._stop = Event()
         self._taken = 0
         self._pass: Pass | None = None
@@ -192,7 +196,7 @@ class Job:
         EvaluationFault
             A ray met a fault in the grammar. What was done is kept.
         KeyboardInterrupt
-            Likewise, within the time of a batch.
+            Likewise, within a second or so; batches that have begun are dropped.
         """
         clock = _Clock(self.progress, pause, every)
         threads = self.options.threads or processors()
@@ -209,7 +213,7 @@ class Job:
                     self._run_pass(pool, self._pass, report, clock, threads)
                     self._taken, self._pass = level, None
             except BaseException:
-                # Batches that wait are dropped; those that run end by themselves.
+                # Batches that wait are dropped; those that run end soon.
                 self._stop.set()
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise
@@ -244,8 +248,26 @@ class Job:
             state.update(pixels=self._pass.pixels, done=self._pass.done)
         return state
 
+    def layout(self) -> dict[str, Layout]:
+        """Return what the arrays of a state must be."""
+        most = self.film.count.size
+        return {
+            **{name: Layout.of(values) for name, values in self.film.arrays().items()},
+            "taken": Layout((), np.dtype(np.int64)),
+            "work": Layout((3,), np.dtype(np.float64)),
+            "pixels": Layout((-1,), np.dtype(np.int64), most, optional=True),
+            "done": Layout((-1,), np.dtype(np.bool_), most, optional=True),
+        }
+
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from a state; `run` does what is missing."""
+        """Go on from a state; `run` does what is missing.
+
+        Raises
+        ------
+        ValueError
+            It is none that this picture can have been in.
+        """
+        self._check(state)
         for name, values in self.film.arrays().items():
             values[...] = state[name]
         self._taken = int(state["taken"])
@@ -255,6 +277,23 @@ class Job:
         if "pixels" in state:
             level = next(k for k in self.options.levels if k > self._taken)
             self._pass = Pass(self._taken, level, state["pixels"], state["done"].copy())
+
+    def _check(self, state: Mapping[str, NDArray[Any]]) -> None:
+        taken, levels = int(state["taken"]), [0, *self.options.levels]
+        if taken not in levels or not (state["work"] >= 0.0).all() or state["work"].max() > 1e18:
+            raise ValueError("it has come as far as no picture does")
+        if not ((state["count"] >= 0) & (state["count"] <= levels[-1])).all():
+            raise ValueError("its pixels have numbers of samples that none has")
+        check_light({name: state[name] for name in self.film.arrays()})
+        if ("pixels" in state) != ("done" in state):
+            raise ValueError("half of a pass is missing")
+        if "pixels" in state:
+            pixels = state["pixels"]
+            if taken == levels[-1] or not ((pixels >= 0) & (pixels < state["count"].size)).all():
+                raise ValueError("its pass is none")
+            level = levels[levels.index(taken) + 1]
+            if Pass.of(taken, level, pixels).done.shape != state["done"].shape:
+                raise ValueError("its pass is of other batches")
 
     def _begin_pass(self, level: int) -> Pass:
         """Return the pixels that need more samples, near ones next to each other."""
@@ -325,7 +364,11 @@ class Job:
         origins, directions = self.stage.camera.rays(
             x + 0.5 + shift[:, 0], samples.y + 0.5 + shift[:, 1], self.options.size, lens
         )
-        light = self.integrator.radiance(origins, directions, samples)
+        try:
+            with stoppable(self._stop):
+                light = self.integrator.radiance(origins, directions, samples)
+        except Stopped:
+            return 0, 0
         self.film.add(pixels, light.rgb.reshape(-1, k, 3))
         if work.taken == 0:
             self.film.set_first(pixels, light.hits, light.albedo)
@@ -346,6 +389,21 @@ class Job:
         first = np.repeat(self.sampler.pairs(x, y, np.zeros_like(x), Purpose.PIXEL), k, axis=0)
         u = 2.0 * np.mod(pairs - first + 0.5, 1.0)
         return np.where(u < 1.0, np.sqrt(u) - 1.0, 1.0 - np.sqrt(np.maximum(2.0 - u, 0.0)))
+
+
+def check_light(layers: Mapping[str, NDArray[Any]]) -> None:
+    """Require that layers of a picture are numbers; only what is far away is infinite.
+
+    Raises
+    ------
+    ValueError
+        One is not.
+    """
+    for name, values in layers.items():
+        if np.issubdtype(values.dtype, np.floating):
+            fine = ~np.isnan(values) if name == "depth" else np.isfinite(values)
+            if not fine.all():
+                raise ValueError(f"{name} is not a number somewhere")
 
 
 def render(

@@ -11,13 +11,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pcsg.errors import UsageError
 from pcsg.render.lights import LightSample, Seen
 from pcsg.render.tracer import Floats
+
+if TYPE_CHECKING:
+    from pcsg.render.pictures import Pixels
 
 
 class Sky:
@@ -219,7 +222,7 @@ class ImageSky(Sky):
 
     rows, columns = 256, 512
 
-    pixels: Floats
+    pixels: Pixels
     turn: float
 
     def radiance(self, directions: Floats) -> Floats:
@@ -263,10 +266,16 @@ def make_sky(values: Mapping[str, Any], sun: tuple[float, float, float]) -> Sky 
 
         if values["file"] is None:
             raise UsageError("a sky of kind `image` needs a `file`")
-        return ImageSky(read_linear(Path(values["file"])) * strength, float(values["turn"]))
+        pixels = read_linear(Path(values["file"]))
+        if not float(pixels.max()) * strength <= BRIGHTEST:
+            raise UsageError(f"a sky of strength {strength:g} is brighter than any")
+        return ImageSky(pixels * np.float32(strength), float(values["turn"]))
     horizon = _scaled(values["horizon"], strength)
     return GradientSky(_scaled(values["zenith"], strength), horizon, _tinted(horizon, NADIR))
 
+
+BRIGHTEST = 1e30
+"""Of the pixels of a sky. Light that is summed up must stay a number."""
 
 DARK = GradientSky((0.0,) * 3, (0.0,) * 3, (0.0,) * 3)
 """The sky of a scene without one."""

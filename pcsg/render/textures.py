@@ -18,7 +18,7 @@ import numpy as np
 from pcsg.errors import UsageError
 from pcsg.graph.settings import SETTINGS
 from pcsg.jit import njit
-from pcsg.render.pictures import read_linear, read_values
+from pcsg.render.pictures import Pixels, read_linear, read_values
 from pcsg.render.tracer import Bools, Floats, Ints
 
 KINDS = SETTINGS["texture"].keys["kind"].words
@@ -139,7 +139,7 @@ class Textures:
     color: Floats
     color2: Floats
     scale: Floats
-    pictures: Mapping[int, Floats]
+    pictures: Mapping[int, Pixels]
 
     @classmethod
     def of(cls, several: Sequence[Mapping[str, Any]]) -> Textures:
@@ -238,7 +238,7 @@ class Textures:
 IMAGE, NORMALS = KINDS.index("image"), KINDS.index("normals")
 
 
-def _read(values: Mapping[str, Any]) -> Floats:
+def _read(values: Mapping[str, Any]) -> Pixels:
     if values["file"] is None:
         raise UsageError(f"a texture of kind `{values['kind']}` needs a `file`")
     path = Path(values["file"])

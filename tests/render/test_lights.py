@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pcsg.errors import EnvironmentFault, UsageError
+from pcsg.errors import UsageError
 from pcsg.graph.settings import SETTINGS
 from pcsg.render.daylight import PhysicalSky
 from pcsg.render.lights import Ball, Sun, make_balls, make_sun
@@ -64,7 +64,7 @@ def test_mistakes_are_named(tmp_path):
         make_sun({**defaults("sun"), "direction": (0, 0, 0)})
     with pytest.raises(UsageError, match="file"):
         make_sky({**defaults("sky"), "kind": "image"}, UP)
-    with pytest.raises(EnvironmentFault, match=r"none\.hdr"):
+    with pytest.raises(UsageError, match=r"none\.hdr"):
         make_sky({**defaults("sky"), "kind": "image", "file": str(tmp_path / "none.hdr")}, UP)
     (tmp_path / "bad.hdr").write_bytes(b"P6 nothing")
     with pytest.raises(UsageError, match="Radiance"):
