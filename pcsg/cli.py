@@ -27,6 +27,7 @@ from pcsg.commands.arguments import (
 from pcsg.commands.growing import app as grow
 from pcsg.commands.guard import guard
 from pcsg.commands.limbs import app as limbs
+from pcsg.commands.parent import follow_if_tied
 
 app = typer.Typer(
     name="pcsg",
@@ -326,4 +327,5 @@ def warmup(json: Json = False) -> None:
 
 def main() -> None:
     """Run the command line."""
+    follow_if_tied()
     app()

@@ -7,13 +7,15 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from pcsg.commands.guard import say
 from pcsg.commands.options import parse_memory, parse_number, parse_setting, parse_size
-from pcsg.errors import UsageError
+from pcsg.commands.parent import follow_pool
+from pcsg.errors import EnvironmentFault, UsageError
 from pcsg.graph.words import is_name
 
 if TYPE_CHECKING:
@@ -77,8 +79,6 @@ def run(arguments: AnimateArguments) -> None:
     check_animation(output)
     shots = _shots(arguments, frames, output)
     single = not is_pattern(output)
-    if single:
-        frames_folder(output).mkdir(exist_ok=True)
     _make(shots, arguments)
     if not single:
         _tell(arguments, f"{len(shots)} frames, {shots[0].path} to {shots[-1].path}")
@@ -220,15 +220,23 @@ def _make(shots: Sequence[Shot], arguments: AnimateArguments) -> None:
     done = 1
     # Started afresh: a process that is forked while threads run may hang.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=follow_pool) as pool:
         try:
             for future in as_completed([pool.submit(make_shot, shot) for shot in shots[1:]]):
                 future.result()
                 done += 1
                 if not arguments.quiet and sys.stderr.isatty():
                     print(f"\r{done} of {len(shots)} frames", end="", file=sys.stderr, flush=True)
-        except BaseException:
+        except BaseException as error:
+            # Frames that are done are kept; nobody waits for the others.
+            for process in multiprocessing.active_children():
+                process.terminate()
             pool.shutdown(cancel_futures=True)
+            if isinstance(error, BrokenProcessPool):
+                raise EnvironmentFault(
+                    "a process that made a frame was killed, perhaps for want of memory;"
+                    " fewer --jobs help, and --resume keeps what is done"
+                ) from None
             raise
     if not arguments.quiet and sys.stderr.isatty():
         print(file=sys.stderr)
@@ -236,6 +244,7 @@ def _make(shots: Sequence[Shot], arguments: AnimateArguments) -> None:
 
 def make_shot(shot: Shot) -> None:
     """Make a frame, unless it is there and says that it is the same picture."""
+    from pcsg.render.animation import texts_of
     from pcsg.render.job import Job
     from pcsg.render.options import Options
 
@@ -249,11 +258,9 @@ def make_shot(shot: Shot) -> None:
         overrides=shot.overrides,
     )
     job = Job(scene, options)
-    if shot.resume and shot.path.exists():
-        from PIL import Image
-
-        with Image.open(shot.path) as picture:
-            if dict(getattr(picture, "text", {})) == job.metadata:
-                return
+    if shot.resume and texts_of(shot.path) == job.metadata:
+        return
     job.run()
+    # Only now: an animation that fails before leaves no empty folder.
+    shot.path.parent.mkdir(exist_ok=True)
     job.image().save(shot.path)

@@ -13,8 +13,10 @@ from pathlib import Path
 import typer
 
 from pcsg.commands.guard import INTERRUPTED, say
+from pcsg.commands.parent import start_tied
 from pcsg.errors import EnvironmentFault, UsageError, suggest
-from pcsg.outputs import write_whole
+from pcsg.inputs import read_text
+from pcsg.outputs import sweep, write_whole
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,7 @@ def run(names: Sequence[str], render: bool, output: Path, size: str, samples: in
         return
     if not output.is_dir():
         raise UsageError(f"there is no folder {output}")
+    sweep(output)
     progress = _Progress(output / PROGRESS, f"pictures of {size}, samples {samples or 'as needed'}")
     began, most = time.perf_counter(), 0
     for picture in chosen:
@@ -150,10 +153,7 @@ class _Progress:
 
     def __init__(self, path: Path, kind: str) -> None:
         self._path = path
-        try:
-            lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-        except (OSError, UnicodeDecodeError) as error:
-            raise EnvironmentFault(f"cannot read {path}: {error}") from error
+        lines = read_text(path, "list of pictures").splitlines() if path.exists() else []
         self.done = lines[1:] if lines[:1] == [kind] else []
         self._kind = kind
 
@@ -173,9 +173,12 @@ def _make(picture: Picture, place: Path, path: Path, size: str, samples: int | N
     command += ["-o", str(path), "--size", size, "--samples", str(samples or picture.samples)]
     if path.with_name(path.name + ".checkpoint").exists():
         command.append("--resume")
-    with subprocess.Popen([*command, "--json", "-q"], stdout=subprocess.PIPE, text=True) as process:
+    with start_tied([*command, "--json", "-q"], stdout=subprocess.PIPE) as process:
+        assert process.stdin and process.stdout
         try:
-            output, _ = process.communicate()
+            # Its standard input stays open until it has ended.
+            output = process.stdout.read()
+            process.wait()
             stopped = process.returncode == INTERRUPTED
         except KeyboardInterrupt:
             # The terminal has told the process, too; it keeps a checkpoint.

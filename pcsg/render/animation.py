@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from pcsg.errors import EnvironmentFault, UsageError
-from pcsg.outputs import write_by_name, write_whole
+from pcsg.inputs import open_bytes
+from pcsg.outputs import check_output, write_by_name, write_whole
 
 ENDINGS = (".webp", ".gif", ".png", ".mp4")
 
@@ -119,21 +120,34 @@ def check_animation(output: Path) -> None:
     EnvironmentFault
         Films need ffmpeg, which is not there.
     """
-    if output.suffix.lower() not in ENDINGS:
-        raise UsageError(f"cannot write {output}: its name must end in {', '.join(ENDINGS)}")
     if is_pattern(output):
         marks = output.name.count("#")
         if "#" * marks not in output.name or output.suffix.lower() != ".png":
             raise UsageError(
                 f"frames are named by one row of # and end in .png, as in frame_####.png: {output}"
             )
-    if not output.parent.is_dir():
-        raise UsageError(f"cannot write {output}: there is no folder {output.parent}")
+    check_output(output, ENDINGS)
+    folder = frames_folder(output)
+    if not is_pattern(output) and folder.exists():
+        check_output(folder / "frame.png", (".png",))
     if output.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise EnvironmentFault(
             "films (.mp4) are made by the program ffmpeg, which is not installed;"
             " .webp, .gif, .png and frame_####.png need nothing"
         )
+
+
+def texts_of(path: Path) -> dict[str, str] | None:
+    """Return the texts in a picture's file; None if it is not there, or damaged."""
+    from PIL import Image
+
+    try:
+        with open_bytes(path, "frame") as file, Image.open(file, formats=("PNG",)) as picture:
+            # What is behind the pixels counts as well, so that half a file is none.
+            picture.load()
+            return dict(getattr(picture, "text", {}))
+    except Exception:  # decoders raise anything when a file is damaged
+        return None
 
 
 def join_frames(output: Path, frames: Sequence[Path], per_second: float) -> None:
