@@ -114,6 +114,6 @@ def _parse_value(what: str, key: Key, text: str) -> Any:
         return tuple(parse_number(part, what) for part in parts)
     if key.kind is ValueKind.WORD and text not in key.words:
         raise UsageError(f"{what} takes one of {', '.join(key.words)}, not `{text}`")
-    if key.kind is ValueKind.TEXT and len(text) > 1 and text[0] == text[-1] == '"':
+    if key.kind is ValueKind.FILE and len(text) > 1 and text[0] == text[-1] == '"':
         return text[1:-1]
     return text
