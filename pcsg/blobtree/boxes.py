@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.blobtree.nodes import Bent, Combination, Cones, Field, Painted, Placed, Primitive, below
+from pcsg.blobtree.skeletons import LARGEST
 from pcsg.errors import UsageError
 
 Array = NDArray[np.float64]
 Corners = tuple[Array, Array]
-
-LARGEST = 1e30
-"""Boxes that reach farther lose their meaning in single precision."""
 
 NOTHING: Corners = (np.full(3, math.inf), np.full(3, -math.inf))
 
@@ -103,7 +101,7 @@ def _box_of(node: Field, found: dict[int, tuple[Corners, Corners]]) -> tuple[Cor
             return support, core
         try:
             *_, image = node.warp.constants(node.args, range_of(node, core), support)
-        except OverflowError:
+        except (OverflowError, ZeroDivisionError):
             image = np.full(3, -math.inf), np.full(3, math.inf)
         if not np.abs(np.stack(image)).max() < LARGEST:
             raise UsageError(f"`{node.warp.name}` over so many warps has no known bounds")
@@ -167,6 +165,8 @@ def clip_of(
 
 def along_curve(points: Array) -> NDArray[np.int64]:
     """Return points (n, 3) in the order of a space-filling curve (Morton 1966)."""
+    if len(points) == 1:
+        return np.zeros(1, np.int64)
     low, span = points.min(axis=0), float(np.ptp(points, axis=0).max())
     cells = ((points - low) / max(span, 1e-300) * 1023.0).astype(np.int64)
     keys = np.zeros(len(points), np.int64)

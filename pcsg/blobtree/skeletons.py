@@ -34,6 +34,9 @@ from pcsg.vec import Vec3
 
 Array = NDArray[np.float64]
 
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Sizes beyond lose their meaning in single precision."""
+
 CONSTANTS = 5
 """Constants of a primitive that its kernel reads."""
 
@@ -63,9 +66,10 @@ class Skeleton:
             raise UsageError(f"{cls.name} takes {len(cls.parameters)} number(s), not {len(args)}")
         for name, value in zip(cls.parameters, args, strict=True):
             positive = name in ("r", "rt", "rb", "ra")
-            if not (value > 0.0 if positive else value >= 0.0) or math.isinf(value):
+            if not (SMALLEST if positive else 0.0) <= value <= LARGEST:
                 sign = "> 0" if positive else ">= 0"
-                raise UsageError(f"{cls.name}: {name} must be {sign}, is {value:g}")
+                beyond = f", and not beyond {SMALLEST:g} and {LARGEST:g}" if value > 0.0 else ""
+                raise UsageError(f"{cls.name}: {name} must be {sign}{beyond}, is {value:g}")
 
     @classmethod
     def reach(cls, args: Sequence[float]) -> float:
@@ -300,7 +304,7 @@ class Polygon(Skeleton):
     def check(cls, args: Sequence[float]) -> None:
         if len(args) < 7 or len(args) % 2 == 0:
             raise UsageError("polygon takes at least three corners (x, y) and r")
-        if not args[-1] > 0.0:
+        if not args[-1] >= SMALLEST:
             raise UsageError(f"polygon: r must be > 0, is {args[-1]:g}")
         corners = np.reshape(args[:-1], (-1, 2))
         edges = np.roll(corners, -1, 0) - corners

@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.blobtree.lsystem import Letter
+from pcsg.blobtree.skeletons import LARGEST, SMALLEST
 from pcsg.errors import UsageError
 
 Array = NDArray[np.float64]
@@ -39,12 +40,6 @@ Vector = tuple[float, float, float]
 
 COMMANDS = frozenset("FfG+-&^/\\|$[]!'%L{}.")
 """Modules that the turtle knows."""
-
-LARGEST = 1e30
-"""Coordinates, widths and sizes beyond lose their meaning in single precision."""
-
-SMALLEST = 1e-30
-"""Of widths."""
 
 MOST_PARTS = 25_000
 """Internodes, leaves and triangles at most, where a file does not ask for more: some seconds."""

@@ -92,6 +92,10 @@ def _hull_of(points: Array, margin: float) -> Corners:
     return points.min(axis=0) - margin, points.max(axis=0) + margin
 
 
+LEAST = 1e-6
+"""Of the factors of a taper, and over their most."""
+
+
 @warp
 class Bend(Warp):
     """``bend(angle)``: curves +z towards +x by an angle in all, between z = 0 and the top.
@@ -228,8 +232,11 @@ class Taper(Warp):
         cls, args: Sequence[float], height: float, box: Corners
     ) -> tuple[list[float], float, float, Corners]:
         a, b = args
-        if not (a > 0.0 and b > 0.0):
-            raise UsageError(f"taper: both factors must be > 0, are {a:g} and {b:g}")
+        if not (LEAST <= a <= 1.0 / LEAST and LEAST <= b <= 1.0 / LEAST):
+            raise UsageError(
+                f"taper: both factors must be > 0, between {LEAST:g} and {1.0 / LEAST:g}, are "
+                f"{a:g} and {b:g}"
+            )
         slope = (b - a) / height if height > 0.0 else 0.0
         least, most = min(a, b), max(a, b)
         lower, upper = box

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import pcsg
 from pcsg.blobtree.lsystem import Letter
 from pcsg.blobtree.lsystemfile import read_lines, read_lsystem
+from pcsg.blobtree.model import Model
 from pcsg.blobtree.plant import drawing_of, lsystem_mistakes, numbers_of, plant_of
 from pcsg.blobtree.turtle import draw
 from pcsg.cli import app
@@ -316,3 +317,26 @@ def test_a_file_may_ask_for_more() -> None:
     assert len(drawing_of(text).leaves.size) == 25_001
     with pytest.raises(UsageError, match="more than 10 internodes"):
         plant_of("axiom: FFFFFFFFFFFF\nmost: 10\n")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "axiom: !(1e300)F\n",
+        "axiom: !(1e-300)F\n",
+        "axiom: L(1e300)\n",
+        "axiom: F(1e29)F(1e31)\n",
+        "axiom: F\n#define width 0\n",
+        "axiom: F\ntip: 1e300\n",
+        "axiom: F\nbend: 1e300\nthickness: 0\n",
+    ],
+)
+def test_sizes_beyond_measure_are_told(text: str) -> None:
+    with pytest.raises(UsageError):
+        plant_of(text)
+
+
+def test_a_bend_of_next_to_nothing_is_none() -> None:
+    text = "axiom: !(0.2)F[+(40)!(0.1)F]F\nbend: "
+    none, hardly = (Model(plant_of(f"{text}{x}\n")) for x in ("0", "5e-324"))
+    np.testing.assert_array_equal(none.bounds, hardly.bounds)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from driver import Subject
-from models import look_at
+from models import look_at, warm_up
 from mutations import spoil_text
 
 from pcsg.blobtree.formulas import CHANCE, FUNCTIONS
@@ -41,6 +41,7 @@ WORDS = (
 
 
 def seeds() -> Sequence[str]:
+    warm_up()
     files = sorted((ROOT / "grammars" / "lsystems").glob("*.lsys"))
     whole = [p.read_text(encoding="utf-8") for p in files if p.stem not in ("oak", "ternary")]
     # Small ones are quick, and every change in them matters.

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from driver import Subject
-from models import look_at
+from models import look_at, warm_up
 from mutations import NUMBERS, spoil_text
 
 from pcsg.blobtree.lines import read_skeleton
 from pcsg.commands.mesh import Input, open_skeleton
 from pcsg.errors import PcsgError
-from pcsg.treemesh import tree_surface
+from pcsg.treemesh import Skeleton, tree_surface
 from pcsg.treemesh.composition import compose
 from pcsg.treemesh.estimate import check_memory
 from pcsg.treemesh.library import Library
@@ -55,6 +55,8 @@ WORDS = (
 
 
 def seeds() -> Sequence[str]:
+    warm_up()
+    tree_surface(Skeleton.make([[0, 0, 0], [0, 0, 1]], [0.1, 0.1], [[0, 1]]))
     skeleton = {"nodes": NODES, "edges": EDGES, "root": 0}
     tagged = {**skeleton, "tags": {"branch": [0, 0, 1, 1], "label": [1, 2, 3, 4]}}
     loop = {**skeleton, "edges": LOOP}

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from driver import Subject
-from models import look_at
+from models import look_at, warm_up
 from mutations import NUMBERS, spoil_text
 
 DATA = Path(__file__).parents[2] / "pcsg" / "growth" / "data"
@@ -19,6 +19,7 @@ WORDS = (*HUGE, "{", "}", "[", "]", ",", ":", '"', "null", "true", '"seed": 3,',
 
 
 def seeds() -> Sequence[str]:
+    warm_up()
     found = []
     for path in sorted(DATA.glob("*.json")):
         text = path.read_text(encoding="utf-8")

@@ -8,7 +8,12 @@ import numpy as np
 
 from pcsg.grammar import check_file
 from pcsg.graph.nodes import Leaf
-from pcsg.scene import Scene
+from pcsg.scene import Scene, loads
+
+
+def warm_up() -> None:
+    """Load or compile the kernels that models need: that is no input's time."""
+    loads('blob { point(1) + bend(20) cone(2, 0.3, 0.2) } | tree("populus", 2.6)').stats()
 
 
 def look_at(path: Path) -> None:
