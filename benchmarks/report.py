@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import pcsg
+
 Value = float | str | None
 
 
@@ -151,8 +153,8 @@ def describe_machine() -> list[str]:
     processors = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     )
-    versions = [f"Python {platform.python_version()}"]
-    for name in ("pcsg", "numpy", "numba", "embreex", "mitsuba"):
+    versions = [f"Python {platform.python_version()}", f"pcsg {pcsg.__version__}"]
+    for name in ("numpy", "numba", "embreex", "mitsuba"):
         try:
             versions.append(f"{name} {importlib.metadata.version(name)}")
         except importlib.metadata.PackageNotFoundError:

@@ -301,6 +301,9 @@ def gallery(
         list[str] | None, typer.Argument(metavar="[NAME]...", help="Which; default all.")
     ] = None,
     render: Annotated[bool, typer.Option("--render", help="Make the pictures.")] = False,
+    copy: Annotated[
+        bool, typer.Option("--copy", help="Copy the grammars that are named, to change them.")
+    ] = False,
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Where to.")
     ] = Path(),
@@ -310,10 +313,10 @@ def gallery(
         typer.Option(help="Most samples per pixel; default what each picture needs."),
     ] = None,
 ) -> None:
-    """List the grammars that come with pcsg, or make their pictures."""
+    """List the grammars that come with pcsg, copy them, or make their pictures."""
     from pcsg.commands.gallery import run
 
-    run(names or [], render, output, size, samples)
+    run(names or [], render, copy, output, size, samples)
 
 
 @app.command()

@@ -274,6 +274,17 @@ def printable(text: str) -> str:
     return text.translate(_PICTURES)
 
 
+def missing_extra(what: str, library: str, extra: str) -> str:
+    """Return the message for a library of an extra that is not installed.
+
+    Parameters
+    ----------
+    what
+        Needs the library: ``tree meshes need``.
+    """
+    return f"{what} {library}; in the folder of pcsg's source: pip install '.[{extra}]'"
+
+
 def suggest(word: str, candidates: Iterable[str]) -> str | None:
     """Return ``did you mean `x`?`` for the nearest candidate, if one is near."""
     near = difflib.get_close_matches(word, list(candidates), n=1, cutoff=0.6)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.errors import EnvironmentFault
+from pcsg.errors import EnvironmentFault, missing_extra
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -80,7 +80,7 @@ def _blocks(
     try:
         from skimage.measure import marching_cubes
     except ImportError:
-        raise EnvironmentFault("contouring needs scikit-image: pip install 'pcsg[mesh]'") from None
+        raise EnvironmentFault(missing_extra("contouring needs", "scikit-image", "mesh")) from None
     nx, ny, nz = (int(n) for n in shape)
     for i in range(0, nx - 1, BLOCK):
         for j in range(0, ny - 1, BLOCK):

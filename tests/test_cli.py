@@ -320,4 +320,5 @@ def test_a_package_that_is_missing_is_named_with_its_extra(capsys):
     with pytest.raises(typer.Exit) as ended:
         verb()
     assert ended.value.exit_code == 1
-    assert "this needs SciPy: pip install 'pcsg[mesh]'" in capsys.readouterr().err
+    told = "this needs SciPy; in the folder of pcsg's source: pip install '.[mesh]'"
+    assert told in capsys.readouterr().err

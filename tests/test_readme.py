@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -135,6 +136,20 @@ def test_every_page_is_in_the_index() -> None:
 def test_links_lead_somewhere(page: Path) -> None:
     for link in re.findall(r"\]\(([^)#\s]+)\)", page.read_text(encoding="utf-8")):
         assert "://" in link or (page.parent / link).exists(), link
+
+
+def test_nobody_is_told_to_install_what_is_not_ours() -> None:
+    """The name on the package index is another project's, and ours is not published."""
+    files = [*ROOT.glob("*.md"), *ROOT.glob("*.toml"), *(ROOT / ".github").rglob("*.yml")]
+    for folder, kind in (("docs", "*.md"), ("pcsg", "*.py"), ("benchmarks", "*.md")):
+        files += (ROOT / folder).rglob(kind)
+    wrong = re.compile(r"install\s+(?:-\S+\s+)*['\"`]?pcsg|['\"`]pcsg\[")
+    for file in files:
+        assert not wrong.search(file.read_text(encoding="utf-8")), file
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["name"] == "pcsg-raytracer" and project["version"] == pcsg.__version__
+    assert project["scripts"] == {"pcsg": "pcsg.cli:main"}
+    assert f"{project['name']}[mesh]" in project["optional-dependencies"]["dev"]
 
 
 def test_numbers_of_the_readme() -> None:

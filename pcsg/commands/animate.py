@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from pcsg.commands.files import check_there
 from pcsg.commands.guard import say
 from pcsg.commands.options import parse_memory, parse_number, parse_setting, parse_size
 from pcsg.commands.parent import follow_pool
@@ -74,6 +75,7 @@ def run(arguments: AnimateArguments) -> None:
         join_frames,
     )
 
+    check_there(arguments.file)
     frames = parse_frames(arguments.frames, arguments.fps)
     output = arguments.output or Path(arguments.file.stem + ".webp")
     check_animation(output)

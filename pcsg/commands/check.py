@@ -8,11 +8,13 @@ from pathlib import Path
 
 import typer
 
+from pcsg.commands.files import check_there
 from pcsg.errors import printable
 
 
 def run(file: Path, include: Sequence[Path], as_json: bool) -> None:
     """Print the diagnostics of a file; exit status 2 if one is an error."""
+    check_there(file)
     from pcsg.grammar import check_file
 
     _, diagnostics = check_file(file, include=include)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import IO
 
 import typer
 
@@ -97,8 +100,10 @@ PROGRESS = ".gallery.progress"
 """File beside the pictures with the names of those that are done, until all are."""
 
 
-def run(names: Sequence[str], render: bool, output: Path, size: str, samples: int | None) -> None:
-    """List the gallery, or make its pictures, each in a process of its own.
+def run(
+    names: Sequence[str], render: bool, copy: bool, output: Path, size: str, samples: int | None
+) -> None:
+    """List the gallery, copy its grammars, or make its pictures, each in a process of its own.
 
     What was interrupted goes on where it stopped, if it is asked for in the same way.
 
@@ -116,11 +121,17 @@ def run(names: Sequence[str], render: bool, output: Path, size: str, samples: in
             raise UsageError(f"the gallery has no picture `{name}`" + (f"; {hint}" if hint else ""))
     chosen = [known[name] for name in names] or list(PICTURES)
     place = folder()
+    if copy and render:
+        raise UsageError("--copy and --render are two commands")
+    if copy:
+        copy_grammars(chosen if names else (), output)
+        return
     if not render:
         width = max(len(picture.name) for picture in chosen)
         for picture in chosen:
             typer.echo(f"{picture.name:{width}}  {picture.title}")
-        typer.echo(f"\nThe grammars are in {place}; `pcsg gallery --render tree` makes a picture.")
+        typer.echo(f"\nThe grammars are in {place}.")
+        typer.echo("`pcsg gallery tree --copy` copies one, `--render` makes its picture.")
         return
     if not output.is_dir():
         raise UsageError(f"there is no folder {output}")
@@ -138,6 +149,61 @@ def run(names: Sequence[str], render: bool, output: Path, size: str, samples: in
     if most:
         minutes = (time.perf_counter() - began) / 60
         say(f"the gallery is made: {minutes:.1f} minutes, at most {most / 1e6:.0f} MB")
+
+
+def find(name: str) -> Picture | None:
+    """Return the picture of the gallery that is named like a file, None if there is none."""
+    known = {picture.name: picture for picture in PICTURES}
+    return known.get(Path(name).stem)
+
+
+def copy_grammars(chosen: Sequence[Picture], output: Path) -> None:
+    """Copy grammars of the gallery with the files that they read, each as it is there.
+
+    Raises
+    ------
+    UsageError
+        No picture is named, there is no such folder, or a file is there already.
+    """
+    if not chosen:
+        raise UsageError("--copy takes the names of pictures: pcsg gallery tree --copy")
+    if not output.is_dir():
+        raise UsageError(f"there is no folder {output}")
+    place = folder()
+    files: dict[Path, bytes] = {}
+    for picture in chosen:
+        source = place / picture.grammar
+        for file in (source, *_read_by(source)):
+            # Beside the grammar, as it names them.
+            target = output / file.relative_to(source.parent)
+            files[target] = file.read_bytes()
+    for target, content in files.items():
+        if target.exists() and target.read_bytes() != content:
+            raise UsageError(f"{target} is there already, and differs; it is left as it is")
+    for target, content in files.items():
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(target, partial(_write, content))
+    heads = [str(output / Path(picture.grammar).name) for picture in chosen]
+    say(f"{', '.join(map(str, files))} copied; `pcsg render {heads[0]}` makes its picture")
+
+
+def _write(content: bytes, file: IO[bytes]) -> None:
+    file.write(content)
+
+
+def _read_by(grammar: Path) -> list[Path]:
+    """Return the files beside a grammar that it names in quotes, and those that these name."""
+    found: list[Path] = []
+    todo = [grammar]
+    while todo:
+        reader = todo.pop()
+        for name in re.findall(r'"([^"\n]+)"', reader.read_text(encoding="utf-8")):
+            file = reader.parent / name
+            if file.is_file() and file not in found:
+                found.append(file)
+                if file.suffix in (".pcsg", ".lsys"):
+                    todo.append(file)
+    return found
 
 
 class _Progress:

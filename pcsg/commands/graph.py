@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from pcsg.commands.files import check_there
 from pcsg.errors import GrammarError
 
 ENDINGS = (".svg", ".dot", ".png")
@@ -14,6 +15,7 @@ def run(file: Path, output: Path, include: Sequence[Path]) -> None:
     """Write the drawing in the format of the output's name."""
     from pcsg.outputs import check_output, write_whole
 
+    check_there(file)
     check_output(output, ENDINGS)
     from pcsg.grammar import check_file
     from pcsg.graph import draw

@@ -13,7 +13,7 @@ from typing import ParamSpec
 
 import typer
 
-from pcsg.errors import EvaluationFault, GrammarError, PcsgError, printable
+from pcsg.errors import EvaluationFault, GrammarError, PcsgError, missing_extra, printable
 
 P = ParamSpec("P")
 
@@ -71,7 +71,7 @@ def _tell(error: BaseException) -> int:
         return 1
     if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in EXTRAS:
         package, extra = EXTRAS[(error.name or "").split(".")[0]]
-        say(f"error: this needs {package}: pip install 'pcsg[{extra}]'")
+        say("error: " + missing_extra("this needs", package, extra))
         return 1
     if isinstance(error, RecursionError):
         say("error: the input is nested too deeply")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from pcsg.commands.files import check_there
 from pcsg.commands.guard import say
 from pcsg.commands.options import parse_assignments, parse_memory, parse_number
 
@@ -25,6 +26,7 @@ def open_scene(
     engine: str = "auto",
 ) -> Scene:
     """Return the scene of a grammar with the options' values."""
+    check_there(file)
     values = parse_assignments(assignments)
     if seed is not None:
         values.setdefault("SEED", float(seed))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pcsg.errors import EnvironmentFault
+from pcsg.errors import EnvironmentFault, missing_extra
 from pcsg.render.image import Image
 
 
@@ -23,7 +23,7 @@ def load_denoiser() -> Any:
         from pyoidn import denoise
     except ImportError:
         raise EnvironmentFault(
-            "taking noise out needs the library pyoidn: pip install 'pcsg[denoise]'"
+            missing_extra("taking noise out needs", "the library pyoidn", "denoise")
         ) from None
     except OSError as error:
         raise EnvironmentFault(f"the library pyoidn does not run here: {error}") from error

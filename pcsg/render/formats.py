@@ -11,7 +11,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.errors import EnvironmentFault
+from pcsg.errors import EnvironmentFault, missing_extra
 
 BAND = 64
 """Rows of a picture that are worked on at a time, to save memory."""
@@ -123,6 +123,6 @@ def load_openexr() -> Any:
         import OpenEXR
     except ImportError:
         raise EnvironmentFault(
-            "files in the format .exr need the library OpenEXR: pip install 'pcsg[exr]'"
+            missing_extra("files in the format .exr need", "the library OpenEXR", "exr")
         ) from None
     return OpenEXR

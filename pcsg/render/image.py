@@ -82,7 +82,7 @@ class Image:
         Raises
         ------
         EnvironmentFault
-            The library is not installed: ``pip install 'pcsg[denoise]'``.
+            The library is not installed: ``pip install '.[denoise]'``.
         """
         from pcsg.render.denoise import denoised
 

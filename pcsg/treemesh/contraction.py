@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pcsg.errors import UsageError
+from pcsg.errors import UsageError, missing_extra
 from pcsg.treemesh.skeleton import Floats, Ints
 
 _LARGEST_COTANGENT = 1e4
@@ -98,7 +98,7 @@ def contract(verts: Floats, faces: Ints, options: ContractionOptions | None = No
         from scipy.sparse import diags_array
         from scipy.sparse.linalg import splu
     except ImportError:
-        raise UsageError("tree meshes need scipy: pip install 'pcsg[mesh]'") from None
+        raise UsageError(missing_extra("tree meshes need", "scipy", "mesh")) from None
 
     o = options or ContractionOptions()
     scale = 1.0 / np.sqrt(face_areas(verts, faces).mean())

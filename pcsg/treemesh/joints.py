@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcsg.errors import UsageError
+from pcsg.errors import UsageError, missing_extra
 from pcsg.jit import njit
 from pcsg.treemesh.skeleton import Bools, Floats, Ints
 from pcsg.treemesh.subdivision import corner_steps
@@ -147,7 +147,7 @@ def hull_triangles(directions: Floats, outward: Floats, u: Floats, ends_here: Bo
     try:
         from scipy.spatial import ConvexHull
     except ImportError:
-        raise UsageError("tree meshes need scipy: pip install 'pcsg[mesh]'") from None
+        raise UsageError(missing_extra("tree meshes need", "scipy", "mesh")) from None
 
     d, alpha = spread(directions)
     # The frame is turned with its tangent, by the smallest rotation that takes it to d.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pcsg.errors import UsageError
+from pcsg.errors import UsageError, missing_extra
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -232,7 +232,7 @@ def connected_groups(n: int, i: Ints, j: Ints) -> Ints:
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
     except ImportError:
-        raise UsageError("tree meshes need scipy: pip install 'pcsg[mesh]'") from None
+        raise UsageError(missing_extra("tree meshes need", "scipy", "mesh")) from None
 
     graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(n, n))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
