@@ -1,7 +1,18 @@
-"""pcsg: a language and ray tracer for natural scenes of any complexity.
+"""A language and ray tracer for natural scenes of any complexity.
 
-Names are loaded on first use, so that ``import pcsg`` is instant. Every transformation, attribute
-and primitive of the language is a name here, too: ``move``, ``color``, ``sphere``...
+    scene = pcsg.load("tree.pcsg")                     # a grammar; `loads` takes its text
+    hits = scene.intersect(origins, directions)        # .t .position .normal .label ...
+    pcsg.render(scene, size=(640, 480)).save("tree.png")
+
+Scenes: `load`, `loads`, `Scene`. What rays meet: `Hits`, `Crossings`, `Spans`. Pictures: `render`,
+`Image`. Graphs built in Python: `S` modules, `C` calculations, `P` parameters, `define`, `if_`,
+`and_`, `or_`, `not_`, `call`; every primitive, transformation and attribute of the language is a
+function here: ``sphere()``, ``move(0, 0, 1)``, ``color(1, 0, 0)``; `tree` and its parts grow.
+Errors: all are `PcsgError`.
+
+``help(pcsg.Scene)`` and ``help(pcsg.render)`` tell more; docs/python.md has examples.
+
+Names are loaded on first use, so that ``import pcsg`` is instant.
 """
 
 from __future__ import annotations

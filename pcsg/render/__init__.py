@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from inspect import Signature, getdoc, signature
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from pcsg.render.image import Image
     from pcsg.render.job import Job, Progress, render
     from pcsg.render.options import Options
+
+SUMMARY = "pcsg.render(scene) makes a picture; the parts of the package are in its modules."
 
 _HOMES = {
     "Image": "pcsg.render.image",
@@ -27,13 +30,26 @@ _HOMES = {
 __all__ = ["Image", "Job", "Options", "Progress", "render"]
 
 
+def _function() -> Any:
+    return import_module("pcsg.render.job").render
+
+
 class _CallablePackage(ModuleType):
-    """A package that does what its function `render` does when called."""
+    """A package that is its function `render`: when called, and for ``help(pcsg.render)``."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Image:
-        function: Any = import_module("pcsg.render.job").render
-        image: Image = function(*args, **kwargs)
+        image: Image = _function()(*args, **kwargs)
         return image
+
+    @property
+    def __doc__(self) -> str:  # type: ignore[override]  # the help is the function's
+        function = _function()
+        parameters = str(signature(function)).replace("'", "")
+        return f"{SUMMARY}\n\nrender{parameters}\n\n{getdoc(function)}"
+
+    @property
+    def __signature__(self) -> Signature:
+        return signature(_function())
 
 
 sys.modules[__name__].__class__ = _CallablePackage
