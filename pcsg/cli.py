@@ -52,7 +52,10 @@ def _show_version(wanted: bool) -> None:
 @app.callback()
 def _common(
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="And exit.")
+        bool,
+        typer.Option(
+            "--version", callback=_show_version, is_eager=True, help="Print the version and exit."
+        ),
     ] = False,
 ) -> None:
     pass
@@ -63,58 +66,77 @@ def _common(
 def render(
     file: File,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="OUT", help="Picture (.png, .exr).")
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="OUT", help="Write the picture to this .png or .exr."
+        ),
     ] = None,
-    size: Annotated[str, typer.Option(metavar="WxH", help="In pixels.")] = "800x600",
-    samples: Annotated[int, typer.Option(help="Most samples per pixel.")] = 16,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Width x height in pixels.")] = "800x600",
+    samples: Annotated[int, typer.Option(help="Set the maximum samples per pixel.")] = 16,
     mode: Annotated[
         str | None,
-        typer.Option(help="preview, direct or path; default the grammar's.", show_default=False),
+        typer.Option(
+            help="Follow light by preview, direct or path; else as the grammar says.",
+            show_default=False,
+        ),
     ] = None,
     exposure: Annotated[
-        float | None, typer.Option(help="In stops; 1 is twice as bright.", show_default=False)
+        float | None,
+        typer.Option(
+            help="Brighten by this many stops; each doubles the light.", show_default=False
+        ),
     ] = None,
     view: Annotated[
-        str | None, typer.Option(help="standard or filmic.", show_default=False)
+        str | None,
+        typer.Option(help="Show light by the standard or the filmic curve.", show_default=False),
     ] = None,
     assignments: Assignments = [],  # noqa: B006 - typer copies defaults
     seed: Seed = None,
     time: Time = None,
     camera: Annotated[
-        str, typer.Option(metavar="KEYS", help='Such as "eye=1,-5,2 target=0,0,1 fov=30".')
+        str,
+        typer.Option(metavar="KEYS", help='Place the camera: "eye=1,-5,2 target=0,0,1 fov=30".'),
     ] = "",
     sun: Annotated[
-        str, typer.Option(metavar="KEYS", help='Such as "direction=1,0,1 strength=2 angle=3".')
+        str, typer.Option(metavar="KEYS", help='Set the sun: "direction=1,0,1 strength=2 angle=3".')
     ] = "",
     sky: Annotated[
-        str, typer.Option(metavar="KEYS", help='Such as "zenith=0.1,0.2,0.5 strength=0.8".')
+        str, typer.Option(metavar="KEYS", help='Set the sky: "zenith=0.1,0.2,0.5 strength=0.8".')
     ] = "",
     ground: Annotated[
-        str, typer.Option(metavar="KEYS", help='A plane below: "z=auto", "z=0 material=grass".')
+        str,
+        typer.Option(metavar="KEYS", help='Add a ground plane: "z=auto", "z=0 material=grass".'),
     ] = "",
     aov: Annotated[
         str,
-        typer.Option(metavar="LIST", help="Layers to write: depth,normal,albedo,label,leaf."),
+        typer.Option(metavar="LIST", help="Write layers too: depth,normal,albedo,label,leaf."),
     ] = "",
-    bits: Annotated[int, typer.Option(help="Of each colour of a .png: 8 or 16.")] = 8,
+    bits: Annotated[int, typer.Option(help="Write a .png with 8 or 16 bits per channel.")] = 8,
     denoise: Annotated[
-        bool, typer.Option("--denoise", help="Take noise out; needs the extra denoise.")
+        bool, typer.Option("--denoise", help="Remove noise; needs the extra `denoise`.")
     ] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from the checkpoint of a stopped run.")
+        bool, typer.Option("--resume", help="Continue a stopped run from its checkpoint.")
     ] = False,
     tile: Annotated[
         str | None,
-        typer.Option(metavar="I/N", help="Part I of N of the rows; the last one joins them."),
+        typer.Option(
+            metavar="I/N", help="Render part I of N of the rows; the run that ends last joins them."
+        ),
     ] = None,
     show_every: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Write the picture so far now and then.")
+        float | None,
+        typer.Option(metavar="SECONDS", help="Save the unfinished picture at this interval."),
     ] = None,
     detail: Annotated[
-        float, typer.Option(metavar="PIXELS", help="Size of what is not looked into; 0 for none.")
+        float,
+        typer.Option(metavar="PIXELS", help="Stop refining below this size in pixels (0: never)."),
     ] = 0.5,
     threads: Annotated[
-        int | None, typer.Option(help="Default: one per processor.", show_default=False)
+        int | None,
+        typer.Option(
+            help="Set the number of threads; by default one per processor.", show_default=False
+        ),
     ] = None,
     include: Include = [],  # noqa: B006 - typer copies defaults
     max_memory: MaxMemory = None,
@@ -122,10 +144,12 @@ def render(
     engine: EngineName = "auto",
     json: Json = False,
     profile: Annotated[
-        bool, typer.Option("--profile", help="Say what a ray visits on average.")
+        bool, typer.Option("--profile", help="Report what a ray visits on average.")
     ] = False,
     quiet: Quiet = False,
-    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say more.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("-v", "--verbose", help="Report more, such as where the camera stands.")
+    ] = False,
 ) -> None:
     """Make a picture of a grammar."""
     from pcsg.commands.render import RenderArguments, run
@@ -207,7 +231,8 @@ def stats(
 def graph(
     file: File,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="OUT", help="Drawing (.svg, .dot, .png).")
+        Path,
+        typer.Option("-o", "--output", metavar="OUT", help="Write the drawing (.svg, .dot, .png)."),
     ],
     include: Include = [],  # noqa: B006 - typer copies defaults
 ) -> None:
@@ -223,34 +248,48 @@ def animate(
     file: File,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="OUT", help=".webp, .gif, .png, .mp4, frame_##.png"),
+        typer.Option(
+            "-o", "--output", metavar="OUT", help="Write .webp, .gif, .png, .mp4, or frame_##.png."
+        ),
     ] = None,
-    frames: Annotated[str, typer.Option(metavar="A..B", help="First and last.")] = "0..23",
-    fps: Annotated[float, typer.Option(help="Frames in a second.")] = 12.0,
+    frames: Annotated[
+        str, typer.Option(metavar="A..B", help="Render these frames, the first and the last.")
+    ] = "0..23",
+    fps: Annotated[float, typer.Option(help="Play this many frames per second.")] = 12.0,
     assignments: Annotated[
         list[str],
-        typer.Option("-D", "--set", metavar="NAME=A..B", help="From A to B over the frames."),
+        typer.Option(
+            "-D",
+            "--set",
+            metavar="NAME=A..B",
+            help="Let a parameter go from A to B over the frames.",
+        ),
     ] = [],  # noqa: B006 - typer copies defaults
     time: Annotated[
-        str | None, typer.Option(metavar="A..B", help="The grammar's TIME; default: seconds.")
+        str | None,
+        typer.Option(metavar="A..B", help="Let TIME go from A to B; by default it counts seconds."),
     ] = None,
     orbit: Annotated[
-        float, typer.Option(metavar="DEGREES", help="How far the camera goes round.")
+        float,
+        typer.Option(metavar="DEGREES", help="Move the camera around the scene by this angle."),
     ] = 0.0,
-    size: Annotated[str, typer.Option(metavar="WxH", help="In pixels.")] = "480x360",
-    samples: Annotated[int, typer.Option(help="Most samples per pixel.")] = 16,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Width x height in pixels.")] = "480x360",
+    samples: Annotated[int, typer.Option(help="Set the maximum samples per pixel.")] = 16,
     mode: Annotated[
         str | None,
-        typer.Option(help="preview, direct or path; default the grammar's.", show_default=False),
+        typer.Option(
+            help="Follow light by preview, direct or path; else as the grammar says.",
+            show_default=False,
+        ),
     ] = None,
     seed: Seed = None,
-    camera: Annotated[str, typer.Option(metavar="KEYS", help="As for render.")] = "",
-    sun: Annotated[str, typer.Option(metavar="KEYS", help="As for render.")] = "",
+    camera: Annotated[str, typer.Option(metavar="KEYS", help="As for `pcsg render`.")] = "",
+    sun: Annotated[str, typer.Option(metavar="KEYS", help="As for `pcsg render`.")] = "",
     jobs: Annotated[
-        int | None, typer.Option(help="Frames made at a time.", show_default=False)
+        int | None, typer.Option(help="Render this many frames at once.", show_default=False)
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Keep frames that are there already.")
+        bool, typer.Option("--resume", help="Keep the frames that exist already.")
     ] = False,
     include: Include = [],  # noqa: B006 - typer copies defaults
     max_memory: MaxMemory = None,
@@ -286,7 +325,7 @@ def animate(
 @app.command()
 @guard
 def new(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Of the grammar.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the new grammar.")],
 ) -> None:
     """Write a commented grammar to begin with."""
     from pcsg.commands.gallery import start
@@ -298,19 +337,20 @@ def new(
 @guard
 def gallery(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="Which; default all.")
+        list[str] | None,
+        typer.Argument(metavar="[NAME]...", help="Names of pictures; by default all."),
     ] = None,
-    render: Annotated[bool, typer.Option("--render", help="Make the pictures.")] = False,
+    render: Annotated[bool, typer.Option("--render", help="Render the pictures.")] = False,
     copy: Annotated[
-        bool, typer.Option("--copy", help="Copy the grammars that are named, to change them.")
+        bool, typer.Option("--copy", help="Copy the named grammars, to change them.")
     ] = False,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Where to.")
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Write to this folder.")
     ] = Path(),
-    size: Annotated[str, typer.Option(metavar="WxH", help="In pixels.")] = "640x480",
+    size: Annotated[str, typer.Option(metavar="WxH", help="Width x height in pixels.")] = "640x480",
     samples: Annotated[
         int | None,
-        typer.Option(help="Most samples per pixel; default what each picture needs."),
+        typer.Option(help="Set the maximum samples per pixel; by default what each picture needs."),
     ] = None,
 ) -> None:
     """List the grammars that come with pcsg, copy them, or make their pictures."""

@@ -18,20 +18,34 @@ Include = Annotated[
 ]
 Assignments = Annotated[
     list[str],
-    typer.Option("-D", "--set", metavar="NAME=VALUE", help="Value of a parameter of the axiom."),
+    typer.Option("-D", "--set", metavar="NAME=VALUE", help="Set a parameter of the axiom."),
 ]
-Seed = Annotated[int | None, typer.Option("--seed", help="Of sampling, and the grammar's SEED.")]
-Time = Annotated[float | None, typer.Option("--time", help="The grammar's TIME.")]
+Seed = Annotated[
+    int | None,
+    typer.Option("--seed", help="Random seed, for sampling and for SEED in the grammar."),
+]
+Time = Annotated[float | None, typer.Option("--time", help="Set TIME in the grammar, in seconds.")]
 MaxMemory = Annotated[
     str | None,
-    typer.Option("--max-memory", metavar="SIZE", help="Such as 4G; default half of the machine."),
+    typer.Option(
+        "--max-memory",
+        metavar="SIZE",
+        help="Limit memory to this size, such as 4G; by default half of the machine's.",
+    ),
 ]
 BlockMemory = Annotated[
     str | None,
-    typer.Option("--block-memory", metavar="SIZE", help="For states made beforehand; 16M."),
+    typer.Option(
+        "--block-memory",
+        metavar="SIZE",
+        help="Cache geometry of huge scenes in this much memory (16M); more is faster.",
+    ),
 ]
 EngineName = Annotated[
-    str, typer.Option("--engine", metavar="NAME", help="auto, cyclic or states.")
+    str,
+    typer.Option(
+        "--engine", metavar="NAME", help="Trace rays by the engine auto, cyclic or states."
+    ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Say it in JSON on standard output.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only.")]

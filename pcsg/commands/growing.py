@@ -26,18 +26,25 @@ Species = Annotated[
     ),
 ]
 Out = Annotated[Path | None, typer.Option("-o", "--output", metavar="OUT", show_default=False)]
-At = Annotated[float | None, typer.Option("--t", metavar="YEARS", help="Time.")]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Another tree of the kind.")]
-Size = Annotated[str, typer.Option("--size", metavar="WxH", help="In pixels.")]
-Samples = Annotated[int, typer.Option("--samples", help="Most samples per pixel.")]
-Mode = Annotated[str | None, typer.Option("--mode", help="preview, direct or path.")]
+At = Annotated[
+    float | None,
+    typer.Option("--t", metavar="YEARS", help="Age of the tree; a whole year is midwinter."),
+]
+Seed = Annotated[
+    int | None, typer.Option("--seed", min=0, help="Random seed: another tree of the same species.")
+]
+Size = Annotated[str, typer.Option("--size", metavar="WxH", help="Width x height in pixels.")]
+Samples = Annotated[int, typer.Option("--samples", help="Set the maximum samples per pixel.")]
+Mode = Annotated[
+    str | None, typer.Option("--mode", help="Follow light by preview, direct or path.")
+]
 
 
 @app.command()
 @guard
 def counts(
     species: Species,
-    year: Annotated[int | None, typer.Option(help="Only this one.")] = None,
+    year: Annotated[int | None, typer.Option(help="Count this year only.")] = None,
     json: Json = False,
 ) -> None:
     """Count branches, shoots, internodes and leaves, year by year."""
@@ -61,7 +68,9 @@ def view(
     species: Species,
     output: Out = None,
     t: At = None,
-    once: Annotated[bool, typer.Option("--once", help="Do not wait for changes.")] = False,
+    once: Annotated[
+        bool, typer.Option("--once", help="Draw once instead of waiting for changes.")
+    ] = False,
 ) -> None:
     """Draw curves and tree again whenever the file is saved."""
     from pcsg.commands.grow import run_view
@@ -73,15 +82,20 @@ def view(
 @guard
 def frame(
     species: Species,
-    t: Annotated[float, typer.Option("--t", metavar="YEARS", help="Time.")],
+    t: Annotated[
+        float,
+        typer.Option("--t", metavar="YEARS", help="Age of the tree; a whole year is midwinter."),
+    ],
     output: Out = None,
     size: Size = "600x720",
     samples: Samples = 16,
     mode: Mode = None,
     seed: Seed = None,
-    camera: Annotated[str, typer.Option(metavar="KEYS", help="As for render.")] = "",
-    denoise: Annotated[bool, typer.Option("--denoise", help="As for render.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a stopped run.")] = False,
+    camera: Annotated[str, typer.Option(metavar="KEYS", help="As for `pcsg render`.")] = "",
+    denoise: Annotated[bool, typer.Option("--denoise", help="As for `pcsg render`.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue a stopped run from its checkpoint.")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Make a picture of a tree at a time."""
@@ -100,15 +114,22 @@ def animate(
     output: Out = None,
     first: Annotated[float | None, typer.Option("--from", metavar="YEARS")] = None,
     last: Annotated[float | None, typer.Option("--to", metavar="YEARS")] = None,
-    frames_per_year: Annotated[float | None, typer.Option(help="24 for a whole tree.")] = None,
-    fps: Annotated[float, typer.Option(help="Frames in a second.")] = 24.0,
-    orbit: Annotated[float, typer.Option(metavar="DEGREES", help="Of the camera.")] = 0.0,
+    frames_per_year: Annotated[
+        float | None, typer.Option(help="Render this many frames per year; 24 for a whole tree.")
+    ] = None,
+    fps: Annotated[float, typer.Option(help="Play this many frames per second.")] = 24.0,
+    orbit: Annotated[
+        float,
+        typer.Option(metavar="DEGREES", help="Move the camera around the tree by this angle."),
+    ] = 0.0,
     size: Size = "400x480",
     samples: Samples = 8,
     mode: Mode = None,
     seed: Seed = None,
-    jobs: Annotated[int | None, typer.Option(help="Frames made at a time.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Keep frames that are there.")] = False,
+    jobs: Annotated[int | None, typer.Option(help="Render this many frames at once.")] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Keep the frames that exist already.")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Make a film: a tree's life, a shoot in one year, a junction in ten."""

@@ -22,20 +22,27 @@ Tree = Annotated[
     ),
 ]
 LargestOnly = Annotated[
-    bool, typer.Option("--largest-only", help="Take the largest part of a mesh, join none.")
+    bool, typer.Option("--largest-only", help="Use only the largest part of a mesh.")
 ]
 Reach = Annotated[
     float | None,
-    typer.Option(metavar="LENGTH", help="Widest gap between parts that is bridged."),
+    typer.Option(metavar="LENGTH", help="Bridge gaps between parts up to this length."),
 ]
 Resample = Annotated[
-    bool, typer.Option("--resample/--no-resample", help="Remove nodes where limbs are straight.")
+    bool,
+    typer.Option(
+        "--resample/--no-resample", help="Remove nodes where limbs are straight, or keep all."
+    ),
 ]
 Angle = Annotated[
-    float, typer.Option("--eps", metavar="DEGREES", help="Turning angle that counts as straight.")
+    float,
+    typer.Option("--eps", metavar="DEGREES", help="Treat bends below this angle as straight."),
 ]
 Spacing = Annotated[
-    float, typer.Option("--spacing", metavar="RADII", help="Nodes closer than this may go.")
+    float,
+    typer.Option(
+        "--spacing", metavar="RADII", help="Allow removing nodes closer than this, in radii."
+    ),
 ]
 MinRadius = Annotated[float, typer.Option(help="Leave out thinner twigs and what they bear.")]
 MaxOrder = Annotated[
@@ -55,22 +62,34 @@ def mesh(
         str, typer.Option(help="quads about a tree's limbs, or contour: triangles of any solid.")
     ] = "quads",
     resolution: Annotated[
-        int, typer.Option(metavar="CELLS", help="Of a contour, along the longest side.")
+        int,
+        typer.Option(
+            metavar="CELLS",
+            help="Divide the longest side into this many cells, for --method contour.",
+        ),
     ] = 64,
     report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Measures of the mesh (.json).")
+        Path | None, typer.Option(metavar="FILE", help="Write measures of the mesh to this .json.")
     ] = None,
-    levels: Annotated[int, typer.Option(help="Steps of subdivision: 4 times the quads each.")] = 2,
-    kernel: Annotated[str, typer.Option(help="cauchy or quartic.")] = "cauchy",
+    levels: Annotated[
+        int, typer.Option(help="Subdivide this many times; each step makes 4 times the quads.")
+    ] = 2,
+    kernel: Annotated[
+        str, typer.Option(help="Shape of the field about limbs: cauchy or quartic.")
+    ] = "cauchy",
     max_aspect: Annotated[
-        float, typer.Option(help="Longest distance of squares in radii; 0 for the fewest quads.")
+        float,
+        typer.Option(
+            help="Limit the length of quads to this many radii (0: as few quads as possible)."
+        ),
     ] = 4.0,
     locality: Annotated[str, typer.Option(help="graph, or all: near branches blend.")] = "graph",
     offsets: Annotated[
-        bool, typer.Option("--offsets", help="Bring the surface back to the mesh it came from.")
+        bool,
+        typer.Option("--offsets", help="Move the surface back onto the mesh that it came from."),
     ] = False,
     foot: Annotated[
-        bool, typer.Option("--foot", help="Let the trunk begin one radius below its root.")
+        bool, typer.Option("--foot", help="Extend the trunk one radius below its root.")
     ] = False,
     largest_only: LargestOnly = False,
     reach: Reach = None,
@@ -187,8 +206,10 @@ def compose(
         list[Path], typer.Option("--with", metavar="FILE", help="A tree that gives subtrees too.")
     ] = [],  # noqa: B006 - typer copies defaults
     count: Annotated[int, typer.Option("-n", help="How many trees.")] = 1,
-    seed: Annotated[int, typer.Option(help="Of the first tree; the others count on.")] = 0,
-    depth: Annotated[int, typer.Option(help="Replacements within replacements.")] = 2,
+    seed: Annotated[
+        int, typer.Option(help="Random seed of the first tree; the next ones count up.")
+    ] = 0,
+    depth: Annotated[int, typer.Option(help="Replace within replacements up to this depth.")] = 2,
     replace: Annotated[float, typer.Option(help="Probability that a branch is replaced.")] = 0.7,
     max_memory: MaxMemory = None,
     json: Json = False,

@@ -435,7 +435,7 @@ def render(
     max_memory
         Bytes that the picture may take; None for half of the machine's.
     detail
-        Pixels below which the scene is not looked into; 0 for all that there is.
+        Size in pixels below which refining stops; 0 never.
     progress
         Called now and then with a `Progress`.
     **settings

@@ -34,7 +34,7 @@ class Options:
     tile
         (i, n): only part i of n, counted from 1, of the picture's rows. None for all of it.
     detail
-        Pixels below which the scene is not looked into; 0 for all that there is.
+        Size in pixels below which refining stops; 0 never.
     """
 
     size: tuple[int, int] = (800, 600)

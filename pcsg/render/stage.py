@@ -90,7 +90,7 @@ def build_stage(
     Parameters
     ----------
     detail
-        Pixels below which nothing is looked into; 0 for all that there is.
+        Size in pixels below which refining stops; 0 never.
 
     Raises
     ------
