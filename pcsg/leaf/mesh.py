@@ -44,7 +44,7 @@ from pcsg.leaf.triangles import (
 from pcsg.meshfile import Mesh as Polygons
 from pcsg.meshfile import read_mesh
 from pcsg.meshfile.closing import close
-from pcsg.meshfile.mesh import make_mesh, offsets_of
+from pcsg.meshfile.mesh import FARTHEST, make_mesh, offsets_of
 from pcsg.vec import Ray, Vec3
 
 Floats = NDArray[np.float64]
@@ -229,8 +229,8 @@ def mesh_of_arrays(vertices: ArrayLike, faces: Any) -> MeshModel:
         Shapes do not fit, numbers are not finite, or a vertex is not there.
     """
     points = array_of(vertices, "mesh: vertices").copy()
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise UsageError("mesh: vertices are finite numbers of shape (n, 3)")
+    if points.ndim != 2 or points.shape[1] != 3 or not (np.abs(points) <= FARTHEST).all():
+        raise UsageError(f"mesh: vertices are numbers of shape (n, 3), at most {FARTHEST:g}")
     try:
         polygons = [np.asarray(face) for face in faces]
     except (TypeError, ValueError):

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pcsg.errors import UsageError
 from pcsg.meshfile.polygons import triangulate
 
-FARTHEST = 1e60
-"""Coordinates of a larger size are refused: products of four lengths must stay numbers."""
+FARTHEST = 1e30
+"""Coordinates of a larger size are refused: boxes of scenes are kept in single precision."""
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

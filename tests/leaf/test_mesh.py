@@ -370,7 +370,7 @@ def test_meshes_in_python(tmp_path: Path) -> None:
         (([(0, 0, 0)], [(0, 1, 2)]), "there is no vertex 2: 1 are given"),
         (([(0, 0, 0)], [(0, 1)]), "3 or more"),
         (([(0, 0, 0)], [(0, 0, 0)]), "degenerate"),
-        (([(0, 0, math.nan)], [(0, 0, 0)]), "finite"),
+        (([(0, 0, math.nan)], [(0, 0, 0)]), "numbers of shape"),
     ):
         with pytest.raises(UsageError, match=told):
             pcsg.mesh(*args)
