@@ -115,6 +115,9 @@ def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
             from pcsg.blobtree.plant import lsystem_mistakes
 
             problems += lsystem_mistakes(source.text, source.name)
+        if form is not None and set('"\r\n') & set(path.name):
+            message = f"the name of the model `{path}` has quotes or ends of lines"
+            problems.append(diagnose("file-missing", message, hint="give it another name"))
         if form is not None:
             named = path
             text = form.replace("NAME", path.name)

@@ -140,10 +140,10 @@ def _read_hdr(data: bytes, path: Path) -> Pixels:
     if height * min(4 * width, 4 + 8 * -(-width // 127)) > len(body):
         raise UsageError(f"{path} ends too early")
     quads = np.zeros((height, width, 4), dtype=np.uint8)
+    packed = bytes([2, 2, width >> 8, width & 255]) if 8 <= width < 32768 else b"never"
     at = 0
     for row in range(height):
-        start = body[at : at + 4]
-        if 8 <= width < 32768 and start[:2] == b"\x02\x02" and start[2] << 8 | start[3] == width:
+        if body[at : at + 4] == packed:
             at = _read_runs(body, at + 4, quads[row], path)
         else:
             plain = np.frombuffer(body, np.uint8, max(min(4 * width, len(body) - at), 0), at)

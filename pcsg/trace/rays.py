@@ -198,14 +198,22 @@ def run_chunks(n: int, threads: int, work: Callable[[int, int], None], pace: Pac
         What calls like this one have learnt so far.
     """
     stop: Event | None = getattr(_called, "stop", None)
-    chunks = _Chunks(n, LARGEST_CHUNK if threads == 1 or n <= CHUNK else CHUNK, pace, work, stop)
-    if threads == 1 or n <= CHUNK:
+    alone = threads == 1 or n <= CHUNK
+    if alone and 0 < n <= pace.next(LARGEST_CHUNK) and stop is None:
+        # Calls with few rays are many.
+        start = time.perf_counter()
+        work(0, n)
+        pace.learn(n, time.perf_counter() - start)
+        return
+    chunks = _Chunks(n, LARGEST_CHUNK if alone else CHUNK, pace, work, stop)
+    if alone:
         chunks.run()
     else:
         executor = _workers(os.getpid(), threads)
         futures = [executor.submit(chunks.run) for _ in range(min(threads, -(-n // CHUNK)))]
         try:
-            wait(futures)
+            for future in futures:
+                future.result()
         except BaseException:
             chunks.end()
             wait(futures)

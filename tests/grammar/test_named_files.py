@@ -206,6 +206,16 @@ def test_what_users_name_themselves_is_theirs(
     assert sizes(load_file("link.pcsg")) == [2]  # names are relative to where it was found
 
 
+@pytest.mark.skipif(os.name != "posix", reason="no file can have such a name")
+@pytest.mark.parametrize("name", ['a"b.lsys', "a\nb.lsys", "a\rb.lsys"])
+def test_models_whose_names_no_grammar_can_say(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("axiom: F\n")
+    with pytest.raises(GrammarError) as caught:
+        load_file(tmp_path / name)
+    assert [d.code for d in caught.value.diagnostics] == ["file-missing"]
+    assert "has quotes or ends of lines" in str(caught.value)
+
+
 def test_texts_are_held_to_the_working_directory(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

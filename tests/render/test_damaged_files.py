@@ -37,6 +37,7 @@ RADIANCE = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n"
         (b"-Y 1 +X 8\n\2\2\0\x08" + b"\xff\1" * 4, "does not end"),
         (b"-Y 1 +X 8\n\2\2\0\x08" + b"\0\1" * 20, "does not end"),
         (b"-Y 1 +X 8\n\2\2\0\x08" + (b"\x09" + b"1" * 9) * 4, "does not end"),
+        (b"-Y 2 +X 8\n" + b"1" * 32 + b"\2\2\0", "too early"),
         (b"-Y 1 +X 8\n\2\2\0\x08" + b"\x88\1" * 3 + b"\x08" + b"1" * 5, "too early"),
     ],
 )
