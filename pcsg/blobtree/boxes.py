@@ -72,9 +72,9 @@ def find_boxes(root: Field) -> dict[int, tuple[Corners, Corners]]:
     """
     found: dict[int, tuple[Corners, Corners]] = {}
     for node in below(root):
-        support, core = found[id(node)] = _box_of(node, found)
-        reach = np.abs(np.stack([support[0], support[1], core[0], core[1]]))
-        if not is_empty(support) and not reach.max() < LARGEST:
+        (low, high), _ = found[id(node)] = _box_of(node, found)
+        # Nothing reaches from infinity to minus infinity, and is no matter.
+        if not (low.min() > -LARGEST and high.max() < LARGEST):
             raise UsageError(f"a part reaches farther than {LARGEST:g}, or its size is no number")
     return found
 

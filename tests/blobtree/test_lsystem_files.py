@@ -130,6 +130,24 @@ def test_signs_pasted_from_a_page_are_read() -> None:
     assert remarks("axiom: A\nA -> F \u2014 F\n") == [(2, "error")]
 
 
+def test_a_bush_as_its_book_prints_it() -> None:
+    # The Algorithmic Beauty of Plants, figure 1.25.
+    text = (
+        "#define angle 22.5\n\u03c9 : A\n"
+        "p\u2081 : A \u2192 [&FL!A]/////\u2019[&FL!A]///////\u2019[&FL!A]\n"
+        "p\u2082 : F \u2192 S ///// F\np\u2083 : S \u2192 F L\n"
+        "p\u2084 : L \u2192 [\u2019\u2019\u2019\u2227\u2227{\u2212f+f+f\u2212|\u2212f+f+f}]\n"
+    )
+    assert remarks(text) == []
+    leaf = "['''^^{-f+f+f-|-f+f+f}]"
+    apex = "[&FL!A]/////'[&FL!A]///////'[&FL!A]"
+    assert string(text, 1) == apex
+    assert string(text, 2) == apex.replace("FL", "S/////F" + leaf).replace("A", apex)
+    drawn = draw(read_lsystem(text).derive(5), 22.5)
+    assert {len(p.corners) for p in drawn.polygons} == {7}
+    assert drawn.skeleton.base.min() == pytest.approx(0.1 * 0.7**4)
+
+
 def test_other_spellings_of_the_frame() -> None:
     text = "Lsystem: 1\nderivation length: 2\nAxiom: A\np1: A --> FA\nendlsystem\n"
     system = read_lsystem(text)

@@ -205,6 +205,20 @@ def _left(tree: Skeleton, joint: int) -> float:
     return float(own**2.5 + (0.02 * tree.radius[joint]) ** 2.5)
 
 
+def _chain(n: int) -> list[list[int]]:
+    """Return the edges of a path of n nodes."""
+    return [[k, k + 1] for k in range(n - 1)]
+
+
+def test_composition_tells_how_far_it_is() -> None:
+    seen: list[tuple[int, int]] = []
+    template = species("quercus")
+    tree = compose(template, library(), 3, report=lambda done, of: seen.append((done, of)))
+    assert [done for done, _ in seen] == list(range(1, len(seen) + 1))
+    assert all(done <= of for done, of in seen) and seen[-1][0] == tree.n_nodes
+    assert np.array_equal(tree.pos, compose(template, library(), 3).pos)
+
+
 def test_composition_avoids_collisions() -> None:
     rng = np.random.default_rng(2)
     p, q = rng.normal(size=(2, 6, 3)), rng.normal(size=(2, 7, 3))
@@ -218,6 +232,18 @@ def test_composition_avoids_collisions() -> None:
             brute = np.linalg.norm(a[:, None] - b[None], axis=2).min()
             assert found[i, j] == pytest.approx(brute, abs=0.02)
             assert found[i, j] <= brute + 1e-12
+    # Limbs whose boxes are apart are not looked at.
+    for scale in (0.02, 0.1, 0.3):
+        chain = Skeleton.make(
+            np.cumsum(scale * rng.normal(size=(30, 3)), axis=0), [0.02] * 30, _chain(30)
+        )
+        twig = Skeleton.make(
+            chain.pos[0] + np.cumsum(scale * rng.normal(size=(9, 3)), axis=0), [0.02] * 9, _chain(9)
+        )
+        ends, others = chain.pos[chain.edges[1:]], twig.pos[twig.edges]
+        k, j = np.divmod(np.arange(28 * 8), 8)
+        near = segment_distances(ends[k, 0], ends[k, 1], others[j, 0], others[j, 1]).min()
+        assert collides(chain, 0, twig) == (near < 0.04)
     rest = Skeleton.make([[0, 0, 0], [0, 0, 1], [2, 0, 1]], [0.1] * 3, [[0, 1], [1, 2]])
     clear = Skeleton.make([[0, 0, 0], [0, 2, 1]], [0.1, 0.1], [[0, 1]])
     hits = Skeleton.make([[0, 0, 0], [2, 0, 2]], [0.1, 0.1], [[0, 1]])
