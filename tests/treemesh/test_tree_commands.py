@@ -113,8 +113,8 @@ def test_composed_trees(run: Run) -> None:
     ("arguments", "message"),
     [
         (["mesh", "oak.xyz"], "must end in one of .obj, .ply, .stl, .glb, .json, .swc, .pcsg"),
-        (["mesh", "none.obj"], "none.obj: No such file"),
-        (["mesh", "none.json"], "none.json: No such file"),
+        (["mesh", "none.obj"], "`none.obj`: there is no such file"),
+        (["mesh", "none.json"], "`none.json`: there is no such file"),
         (["mesh", "oak.json", "-o", "a.fbx"], "must end in .obj, .ply, .glb, .usda, .usd"),
         (["mesh", "oak.json", "-o", "no/a.obj"], "there is no folder"),
         (["mesh", "oak.json", "--kernel", "gauss"], "unknown kernel"),

@@ -72,7 +72,7 @@ def test_mistakes_in_skeleton_files(tmp_path: Path, name: str, text: str, messag
     (tmp_path / name).write_text(text)
     with pytest.raises(UsageError, match=message):
         load_skeleton(tmp_path / name)
-    with pytest.raises(UsageError, match="No such file"):
+    with pytest.raises(UsageError, match="there is no such file"):
         load_skeleton(tmp_path / "none.json")
 
 
