@@ -100,7 +100,8 @@ class Folder:
         about = os.fstat(handle)
         if not _is_ours(about):
             os.close(handle)
-            raise PermissionError("others than its user can write it")
+            is_mine = about.st_uid == os.geteuid()
+            raise PermissionError("others can write it" if is_mine else "it is another user's")
         self._handle = handle
         if about.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
             with suppress(OSError):
@@ -134,7 +135,7 @@ class Folder:
             if not stat.S_ISREG(about.st_mode) or not _is_ours(about) or about.st_size > _MOST:
                 return None
             with os.fdopen(handle, "rb", closefd=False) as file:
-                code = unpack(name, file.read())
+                code = unpack(name, file.read(_MOST))
             if code is not None and time.time() - about.st_mtime > _DAY:
                 # It is in use; what is not goes one day.
                 with suppress(OSError):

@@ -181,14 +181,14 @@ class _Sample:
 @cache
 def is_linkable() -> bool:
     """Return whether numba has all that is used here, as it is used: tried on a small kernel."""
-    from numba.core.dispatcher import Dispatcher
-
     args = (_Pair(np.arange(3.0), 0.5), 7, np.zeros(3))
     kinds: list[Any] = []
     words: list[Any] = []
     for value in args:
         flatten(value, kinds, words)
     try:
+        from numba.core.dispatcher import Dispatcher
+
         answer = bind("sample", compile_kernel(_Sample, args), args)(*words)
     except Exception:
         # Whatever it is that is missing: there is another way.

@@ -84,8 +84,6 @@ def toolchain() -> str:
     import llvmlite.binding as llvm
 
     digest = hashlib.sha256()
-    for name in _MAKERS:
-        digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
     # numba is not imported for its version: that takes longer than many a picture.
     spec = find_spec("numba")
     if spec is not None and spec.origin is not None:
@@ -123,7 +121,7 @@ def fingerprint(kernel: Any) -> Fingerprint:
     """Digest all that the machine code of a kernel, or of a function, depends on."""
     digest = hashlib.sha256(toolchain().encode())
     numbers: dict[int, int] = {}
-    files: set[Path] = set()
+    files = {Path(__file__).with_name(f"{name}.py") for name in _MAKERS}
     unknown: list[str] = []
     todo: list[Any] = [kernel]
     while todo:
@@ -139,7 +137,9 @@ def fingerprint(kernel: Any) -> Fingerprint:
         unknown += part.unknown
         files |= part.files
     for path in sorted(files):
-        digest.update(str(path.name).encode() + _content(path))
+        digest.update(path.name.encode() + _content(path))
+        if not _content(path):
+            unknown.append(f"source of {path}")
     told = "" if unknown else digest.hexdigest()[:32]
     return Fingerprint(told, frozenset(files), tuple(unknown))
 

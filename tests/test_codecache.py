@@ -97,7 +97,7 @@ def test_a_folder_that_others_can_write_is_not_used(kernel_folder: Path, mode: i
     Folder(kernel_folder).write(NAME, CODE)
     kernel_folder.chmod(mode)
     assert opened().read(NAME) is None
-    assert "others" in opened().obstacle
+    assert opened().obstacle == f"{kernel_folder}: others can write it"
 
 
 @posix
@@ -108,7 +108,7 @@ def test_what_belongs_to_another_user_is_not_used(
     monkeypatch.setattr(os, "geteuid", lambda: ANOTHER)
     mine = Cache()
     assert mine.read(NAME) is None
-    assert str(kernel_folder) in mine.obstacle
+    assert mine.obstacle == f"{kernel_folder}: it is another user's"
     monkeypatch.undo()
 
 

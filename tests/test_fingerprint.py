@@ -152,6 +152,14 @@ def test_the_source_counts_also_where_no_code_differs(edited: Edited) -> None:
     assert len(digests) == 2
 
 
+def test_without_its_source_a_kernel_is_not_kept(edited: Edited) -> None:
+    before, _after, user = EDITS["constant"]
+    kernel = edited.kernel(before, user)
+    (edited.folder / "user.py").unlink()
+    _content.cache_clear()
+    assert fingerprint(kernel).digest == ""
+
+
 def test_options_count() -> None:
     def plain(x: float) -> float:
         return x * x + 1.0

@@ -28,7 +28,7 @@ def render(folder: Path, cache: Path) -> tuple[int, str, bytes]:
     line = [sys.executable, "-m", "pcsg", "render", str(folder / "scene.pcsg"), "-q"]
     line += ["-o", str(picture), "--size", "16x12"]
     env = {**os.environ, "PCSG_CACHE": str(cache)}
-    done = subprocess.run(line, env=env, capture_output=True, text=True, timeout=600)
+    done = subprocess.run(line, env=env, capture_output=True, text=True, timeout=3600)
     pixels = np.asarray(Image.open(picture)).tobytes() if picture.exists() else b""
     return done.returncode, done.stderr, pixels
 
