@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import re
 import shlex
 import sys
@@ -9,11 +11,13 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import typer
 from PIL import Image
 from typer.testing import CliRunner
 
 import pcsg
 from pcsg.cli import app
+from pcsg.commands.options import parse_setting
 from pcsg.grammar import load_file, load_text
 from pcsg.graph.graph import Graph
 
@@ -136,6 +140,41 @@ def test_every_page_is_in_the_index() -> None:
 def test_links_lead_somewhere(page: Path) -> None:
     for link in re.findall(r"\]\(([^)#\s]+)\)", page.read_text(encoding="utf-8")):
         assert "://" in link or (page.parent / link).exists(), link
+
+
+WRITTEN = [
+    (page, words)
+    for page in PAGES
+    for words in commands(page.read_text(encoding="utf-8"))
+    if "..." not in " ".join(words)
+]
+
+
+@pytest.mark.parametrize(
+    ("page", "words"), WRITTEN, ids=[f"{p.name}: {' '.join(w)}" for p, w in WRITTEN]
+)
+def test_commands_of_all_pages_are_taken(page: Path, words: list[str]) -> None:
+    """Verbs and options are there, and settings are settings; nothing is run."""
+    command, rest = typer.main.get_command(app), list(words)
+    while hasattr(command, "commands"):
+        command = command.commands[rest.pop(0)]
+    context = command.make_context(words[0], rest)
+    for kind in ("camera", "sun", "sky", "ground"):
+        parse_setting(kind, context.params.get(kind) or "")
+    file = context.params.get("file")
+    if file and Path(file).parts[0] == "grammars":
+        assert (ROOT / file).exists()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_python_of_all_pages_compiles_and_names_what_is_there(page: Path) -> None:
+    for code in blocks("python", page.read_text(encoding="utf-8")):
+        tree = ast.parse(code)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "pcsg":
+                module = importlib.import_module(node.module or "")
+                for name in node.names:
+                    assert hasattr(module, name.name), name.name
 
 
 def test_nobody_is_told_to_install_what_is_not_ours() -> None:
