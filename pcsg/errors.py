@@ -285,7 +285,43 @@ def missing_extra(what: str, library: str, extra: str) -> str:
     return f"{what} {library}; in the folder of pcsg's source: pip install '.[{extra}]'"
 
 
+SYNONYMS = {
+    "translate": "move",
+    "translation": "move",
+    "rotate": "rot",
+    "resize": "uscale",
+    "mirror": "flipxy",
+    "transform": "matrix",
+    "pigment": "color",
+    "colour": "color",
+    "rgb": "color",
+    "ball": "sphere",
+    "cuboid": "box",
+    "plane": "halfspace",
+    "location": "eye",
+    "position": "eye",
+    "from": "eye",
+    "look_at": "target",
+    "lookat": "target",
+    "angle": "fov",
+    "background": "sky",
+    "environment": "sky",
+    "light_source": "light",
+    "floor": "ground",
+    "diffuse": "color",
+    "basecolor": "color",
+    "base_color": "color",
+    "metalness": "metallic",
+    "iterations": "steps",
+}
+"""What other programs call what a word of ours means."""
+
+
 def suggest(word: str, candidates: Iterable[str]) -> str | None:
-    """Return ``did you mean `x`?`` for the nearest candidate, if one is near."""
-    near = difflib.get_close_matches(word, list(candidates), n=1, cutoff=0.6)
+    """Return ``did you mean `x`?`` for what other programs call so, or the nearest candidate."""
+    known = list(candidates)
+    ours = SYNONYMS.get(word.lower())
+    if ours in known:
+        return f"did you mean `{ours}`?"
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
     return f"did you mean `{near[0]}`?" if near else None

@@ -232,7 +232,13 @@ def _check_count(
         message = f"`{name}` takes no arguments"
     else:
         message = f"`{name}` takes {wanted} argument{plural}, not {count}"
-    return [diagnose("wrong-arguments", message, span, expected=usage)]
+    hint = None
+    if most == 0 and not after_text and name in LEAF_NAMES and count in (1, 3):
+        size = "uscale(2)" if count == 1 else "scale(1,2,3)"
+        hint = f"size and place are transformations before it: `{size} {name}`"
+    elif name == "scale" and count == 1:
+        hint = "`uscale` scales alike in all directions"
+    return [diagnose("wrong-arguments", message, span, expected=usage, hint=hint)]
 
 
 def _setting_names(names: Names) -> dict[str, set[str]]:

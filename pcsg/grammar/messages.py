@@ -79,7 +79,10 @@ def explain(kind: str, tokens: list[Token], at: int, accepts: Set[str], last: bo
     item = _ITEM_NAMES[kind]
     if at >= len(tokens):
         message = f"{'the file' if last else item} ends behind `{_shown(tokens[-1])}`"
-        return diagnose("unexpected-end", message, tokens[-1].span, expected=expected)
+        hint = None
+        if expected == "a solid" and tokens[-1].type == "RPAREN":
+            hint = "transformations and attributes stand before their solid: `color(1,0,0) sphere`"
+        return diagnose("unexpected-end", message, tokens[-1].span, expected=expected, hint=hint)
     token = tokens[at]
     if "NAME" in accepts and token.type in WORD_TYPES and _names_something(kind, tokens, at):
         message = f"`{token.text}` is reserved: it is {_RESERVED[token.type]}"

@@ -121,6 +121,12 @@ def _never_assigned(graph: Graph, node: Node, parameter: Parameter, count: int) 
     if elsewhere:
         message = f"parameter `{name}` is never assigned on the way here{places}"
         hint = f"assign it in the axiom: `{{{name} = ...}}`"
+        block = graph.axiom_block
+        if block is not None and name in dict(block.assignments):
+            hint = (
+                "a block reaches only the solid behind it; brackets make several one:"
+                f" `{{{name} = ...}} ( ... | ... )`"
+            )
     else:
         message = f"parameter `{name}` is never assigned{places}"
         hint = hint or f"assign it in the axiom: `{{{name} = ...}}`"

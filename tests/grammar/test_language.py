@@ -356,6 +356,26 @@ def test_an_axiom_in_an_included_file_counts(tmp_path: Path) -> None:
 # Settings and attributes.
 
 
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("translate(1, 0, 0) sphere", "did you mean `move`?"),
+        ("ball", "did you mean `sphere`?"),
+        ("sphere camera { look_at = (0, 0, 0) }", "did you mean `target`?"),
+        ("sphere\nbackground { }", "did you mean `sky`?"),
+        ("scale(2) sphere", "`uscale` scales alike in all directions"),
+        ("sphere(2)", "size and place are transformations before it: `uscale(2) sphere`"),
+        ("box(1, 2, 3)", "size and place are transformations before it: `scale(1,2,3) box`"),
+        ("sphere color(1, 0, 0)", "stand before their solid"),
+        ("{n = 3} sphere | move(n, 0, 0) box", "`{n = ...} ( ... | ... )`"),
+    ],
+)
+def test_what_other_programs_would_take_is_told_in_our_words(text: str, hint: str) -> None:
+    with pytest.raises(GrammarError) as caught:
+        load_text(text)
+    assert hint in str(caught.value)
+
+
 def test_auto_stands_for_what_is_found_automatically() -> None:
     graph = load_text("sphere ground { z = auto } camera { eye = auto, fov = 30; focus = auto }")
     assert [set(s.values) for s in graph.settings] == [set(), {"fov"}]
