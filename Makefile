@@ -1,5 +1,5 @@
 # Shortcuts for developers. All but `gallery` run in the active virtual environment.
-.PHONY: check test fuzz compat bench docs gallery
+.PHONY: check test fuzz kills compat bench docs gallery
 
 check:            ## lint and types
 	ruff format --check .
@@ -11,6 +11,9 @@ test:             ## the whole suite
 
 fuzz:             ## made-up inputs of every kind, for hours; what fails is kept in fuzz-failures
 	python -m tests.fuzz -n 100000 --seed $$(date +%s)
+
+kills:            ## long commands killed at random moments, for an hour: what comes of them is the same
+	python -m tests.fuzz.kills
 
 compat:           ## the oldest and newest numba with every Python, in fresh environments
 	python -m tests.compat
