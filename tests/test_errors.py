@@ -9,6 +9,7 @@ import pickle
 import pkgutil
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import pytest
 
@@ -110,3 +111,9 @@ def test_carets_stay_below_what_they_mean() -> None:
     span = SourceSpan(Source("a", line), line.index("spere"), len(line))
     _, text, carets = str(GrammarError([Diagnostic("a", "b", span)])).splitlines()
     assert text.index("spere") == carets.index("^")
+
+
+def test_commands_write_through_one_place() -> None:
+    commands = Path(pcsg.__file__).parent / "commands"
+    raw = {p.name for p in commands.glob("*.py") if "typer.echo(" in p.read_text(encoding="utf-8")}
+    assert raw == {"guard.py"}

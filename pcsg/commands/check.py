@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 
 from pcsg.commands.files import check_there
-from pcsg.errors import printable
+from pcsg.commands.guard import show
 
 
 def run(file: Path, include: Sequence[Path], as_json: bool) -> None:
@@ -20,10 +20,10 @@ def run(file: Path, include: Sequence[Path], as_json: bool) -> None:
     _, diagnostics = check_file(file, include=include)
     for diagnostic in diagnostics:
         text = json.dumps(diagnostic.to_json()) if as_json else diagnostic.render() + "\n"
-        typer.echo(printable(text))
+        show(text)
     errors = sum(d.severity == "error" for d in diagnostics)
     if not as_json:
         found = f"{errors} error{'s' if errors != 1 else ''}" if errors else "no errors"
-        typer.echo(printable(f"{file}: {found}"))
+        show(f"{file}: {found}")
     if errors:
         raise typer.Exit(2)

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import typer
-
-from pcsg.commands.guard import say
+from pcsg.commands.guard import say, show
 from pcsg.commands.mesh import Input, memory_limit, open_skeleton
 from pcsg.commands.progress import show_share
 from pcsg.errors import UsageError
@@ -75,7 +73,7 @@ def run(arguments: ComposeArguments) -> None:
             tree_surface(skel).save(file)
         if arguments.json:
             summary = {"file": str(file), "seed": arguments.seed + k, "segments": skel.n_edges}
-            typer.echo(json.dumps(summary))
+            show(json.dumps(summary))
         elif not arguments.quiet:
             say(f"{file}: {skel.n_edges} segments, {len(skel.tips)} tips")
 

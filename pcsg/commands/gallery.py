@@ -15,7 +15,7 @@ from typing import IO
 
 import typer
 
-from pcsg.commands.guard import INTERRUPTED, say
+from pcsg.commands.guard import INTERRUPTED, say, show
 from pcsg.commands.parent import start_tied
 from pcsg.errors import EnvironmentFault, UsageError, suggest
 from pcsg.inputs import read_text
@@ -129,9 +129,9 @@ def run(
     if not render:
         width = max(len(picture.name) for picture in chosen)
         for picture in chosen:
-            typer.echo(f"{picture.name:{width}}  {picture.title}")
-        typer.echo(f"\nThe grammars are in {place}.")
-        typer.echo("`pcsg gallery tree --copy` copies one, `--render` makes its picture.")
+            show(f"{picture.name:{width}}  {picture.title}")
+        show(f"\nThe grammars are in {place}.")
+        show("`pcsg gallery tree --copy` copies one, `--render` makes its picture.")
         return
     if not output.is_dir():
         raise UsageError(f"there is no folder {output}")

@@ -10,9 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
-from pcsg.commands.guard import say
+from pcsg.commands.guard import say, show
 from pcsg.commands.options import parse_size
 from pcsg.errors import PcsgError, UsageError
 
@@ -64,14 +62,14 @@ def run_counts(name: str, year: int | None, as_json: bool) -> None:
     years = range(1, model.species.ymax + 1) if year is None else [year]
     counts = [model.counts(y) for y in years]
     if as_json:
-        typer.echo(json.dumps([vars(c) for c in counts]))
+        show(json.dumps([vars(c) for c in counts]))
         return
     head = ("year", "operators", "primitives", "shoots", "internodes", "leaves", "by order")
-    typer.echo("".join(f"{text:>12}" for text in head[:-1]) + "  branches by order")
+    show("".join(f"{text:>12}" for text in head[:-1]) + "  branches by order")
     for c in counts:
         row = (c.year, c.operators, c.primitives, c.shoots, c.internodes, c.leaves)
         orders = " ".join(str(n) for n in c.branches if n)
-        typer.echo("".join(f"{n:>12,}" for n in row) + f"  {orders}")
+        show("".join(f"{n:>12,}" for n in row) + f"  {orders}")
 
 
 def run_plot(name: str, t: float | None, output: Path | None, quiet: bool) -> None:

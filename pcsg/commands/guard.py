@@ -83,6 +83,11 @@ def _tell(error: BaseException) -> int:
     return 1
 
 
+def show(text: str) -> None:
+    """Write a result to standard output; what it quotes is no command for the terminal."""
+    typer.echo(printable(text))
+
+
 def say(text: str) -> None:
     """Write a line to standard error; what it quotes is no command for the terminal."""
     print(printable(text), file=sys.stderr, flush=True)

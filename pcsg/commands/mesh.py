@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from pcsg.commands.compiling import announce_compiling, tell_unkept
-from pcsg.commands.guard import say
+from pcsg.commands.guard import say, show
 from pcsg.commands.options import parse_assignments, parse_memory
 from pcsg.commands.scenes import open_scene
 from pcsg.errors import UsageError
@@ -167,7 +165,7 @@ def _write_contour(given: Input, wanted: Output, file: Path) -> None:
     write_whole(file, lambda out: out.write(write_triangles(vertices, faces)))
     if wanted.json:
         counts = {"files": [str(file)], "vertices": len(vertices), "triangles": len(faces)}
-        typer.echo(json.dumps(counts))
+        show(json.dumps(counts))
     elif not wanted.quiet:
         say(f"{file}: {len(vertices):,} vertices, {len(faces):,} triangles")
 
@@ -193,7 +191,7 @@ def run_skeleton(given: Input, file: Path | None, quiet: bool, as_json: bool) ->
         "notes": notes,
     }
     if as_json:
-        typer.echo(json.dumps(summary))
+        show(json.dumps(summary))
     elif not quiet:
         say(f"{file}: {skel.n_edges} segments, {len(skel.joints)} joints, {len(skel.tips)} tips")
         _list(notes)
@@ -275,7 +273,7 @@ def _tell(surf: QuadMesh, files: Sequence[Path], notes: Sequence[str], wanted: O
             "seconds": {k: round(t, 4) for k, t in (surf.times or {}).items()},
             "notes": list(notes),
         }
-        typer.echo(json.dumps(summary))
+        show(json.dumps(summary))
     elif not wanted.quiet:
         say(
             f"{files[0]}: {len(surf.quads):,} quads about {surf.skeleton.n_edges} segments,"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from pcsg.commands.compiling import announce_compiling, tell_unkept
-from pcsg.commands.guard import INTERRUPTED, say
+from pcsg.commands.guard import INTERRUPTED, say, show
 from pcsg.commands.options import parse_memory, parse_setting, parse_size, parse_tile
 from pcsg.commands.scenes import open_scene
 from pcsg.errors import EvaluationFault, UsageError
@@ -115,7 +115,7 @@ def run(arguments: RenderArguments) -> None:
     if arguments.profile:
         _tell_profile(scene)
     if arguments.json:
-        typer.echo(json.dumps(_summary(job, files)))
+        show(json.dumps(_summary(job, files)))
     elif not arguments.quiet and files:
         _tell(job, files[0], arguments.verbose)
     if not arguments.quiet:

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import typer
-
+from pcsg.commands.guard import show
 from pcsg.commands.scenes import open_scene
 
 
@@ -31,12 +30,12 @@ def run(
     # Python refuses to write integers of more than 4300 digits; order 8000 of a fractal has them.
     sys.set_int_max_str_digits(0)
     if as_json:
-        typer.echo(json.dumps(_plain(counts), allow_nan=False))
+        show(json.dumps(_plain(counts), allow_nan=False))
         return
     width = max(len(name) for name in counts)
     for name, value in counts.items():
         lines = map(_mesh, value) if name == "meshes" else [_shown(value)]
-        typer.echo(f"{name.replace('_', ' '):{width}}  " + f"\n{'':{width}}  ".join(lines))
+        show(f"{name.replace('_', ' '):{width}}  " + f"\n{'':{width}}  ".join(lines))
 
 
 def _mesh(mesh: dict[str, Any]) -> str:

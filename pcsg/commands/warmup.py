@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 
-import typer
+from pcsg.commands.guard import show
 
 _GRAMMAR = "sphere \\ uscale(0.5) box"
 
@@ -46,6 +46,6 @@ def run(as_json: bool) -> None:
         compile_now()
         took[name] = round(time.perf_counter() - begin, 2)
         if not as_json:
-            typer.echo(f"{name:30} {took[name]:6.2f} s")
+            show(f"{name:30} {took[name]:6.2f} s")
     if as_json:
-        typer.echo(json.dumps(took))
+        show(json.dumps(took))
