@@ -201,7 +201,7 @@ class _Reader:
                 reason = f"the nodes place more than {self.most:,} triangles; let the grammar do it"
                 document.fail(place, reason)
             if part.skin is not None and "skin" in node:
-                self.skinned.append(_skinned(part, *self._joints(node["skin"], nodes)))
+                self.skinned.append(_skinned(part, self._joints(node["skin"], nodes), document))
             else:
                 self.frames.setdefault(key, []).append(frames)
 
@@ -350,7 +350,7 @@ class _Reader:
             return None
         return numbers.astype(np.int64), shares / total
 
-    def _joints(self, number: Any, nodes: Mapping[int, Floats]) -> tuple[Floats, Document]:
+    def _joints(self, number: Any, nodes: Mapping[int, Floats]) -> Floats:
         """Return world_from_vertex of every joint of a skin, (J, 4, 4)."""
         document, place = self.document, f"skin {number}"
         skin = document.item("skins", number)
@@ -365,7 +365,8 @@ class _Reader:
             if joint not in nodes:
                 document.fail(place, "one of its joints is not in the scene")
         world = np.array([nodes[joint] for joint in joints]).reshape(-1, 4, 4)
-        return world @ inverse, document
+        found: Floats = world @ inverse
+        return found
 
 
 def _matrix_of(document: Document, node: Mapping[str, Any]) -> Floats:

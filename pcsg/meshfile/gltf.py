@@ -17,6 +17,7 @@ import numpy as np
 from pcsg.meshfile.mesh import Floats, Integers, MeshFileError
 from pcsg.meshfile.words import shown
 
+TRIANGLES, STRIP, FAN = 4, 5, 6
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _COMPRESSIONS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
@@ -219,6 +220,3 @@ def triangles_of(indices: Integers, mode: int) -> Integers:
         return indices[np.stack([k + 1, k + 2, np.zeros_like(k)], axis=1)]
     odd = k % 2
     return indices[np.stack([k, k + 1 + odd, k + 2 - odd], axis=1)]
-
-
-TRIANGLES, STRIP, FAN = 4, 5, 6

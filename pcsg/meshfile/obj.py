@@ -102,10 +102,10 @@ class _Reader:
             self.fail(line, f"`{shown(b' '.join(words[1 : most + 1]))}` are not numbers")
 
     def add_vertex(self, line: int, words: list[bytes]) -> None:
-        """Append a vertex; colours stand behind three coordinates, or behind a weight, too."""
+        """Append a vertex; colours may stand behind it."""
         self.points.append(self.numbers(line, words, 3, 3))
         self.lines_of_points.append(line)
-        if len(words) in (7, 8):  # with an opacity behind, or a weight before: the former is usual
+        if len(words) in (7, 8):  # the eighth is an opacity
             color = self.numbers(line, words[3:], 3, 3, "v")
             if all(map(math.isfinite, color)):
                 self.colors[len(self.points) - 1] = color

@@ -81,9 +81,11 @@ def extract(
     options: ExtractionOptions | None = None,
 ) -> Extracted:
     """Return the skeleton of a mesh with notes; parameters as for `extract_skeleton`."""
+    if isinstance(mesh, str | Path):
+        mesh = read_mesh(mesh)
     verts, faces = mesh_arrays(mesh)
     cleaned = clean(verts, faces)
-    notes = list(cleaned.notes)
+    notes = [*(mesh.notes if isinstance(mesh, Mesh) else ()), *cleaned.notes]
     parts = cleaned.parts[:1] if largest_only else cleaned.parts
     if len(parts) < len(cleaned.parts):
         notes.append(f"{len(cleaned.parts) - 1} smaller parts were left out")
