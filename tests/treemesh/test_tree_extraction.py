@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from tree_shapes import axis_distances, forked_tree
@@ -16,6 +18,7 @@ from pcsg.treemesh.contraction import (
     signed_volume,
 )
 from pcsg.treemesh.extraction import ExtractionOptions, skeleton_of_closed
+from pcsg.treemesh.meshes import extract
 from pcsg.treemesh.offsets import local_radii
 from pcsg.treemesh.surgery import collapse
 
@@ -129,3 +132,12 @@ def test_a_torus_keeps_its_handle() -> None:
     assert away == pytest.approx(2.0, rel=0.08)
     surf = tree_surface(resample(skel))
     assert surf.report(cuts=False)["euler_characteristic"] == 0
+
+
+def test_what_the_file_leaves_out_is_among_the_notes(tmp_path: Path) -> None:
+    corners = [(x, y, z) for z in (0, 9) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    faces = ["1 4 3 2", "5 6 7 8", "1 2 6 5", "2 3 7 6", "3 4 8 7", "4 1 5 8"]
+    lines = [f"v {x} {y} {z} nan 0 0" for x, y, z in corners] + [f"f {face}" for face in faces]
+    (tmp_path / "post.obj").write_text("\n".join(lines))
+    found = extract(tmp_path / "post.obj")
+    assert found.notes[0] == "left out: colours that are not finite (8, the first: line 1)"
