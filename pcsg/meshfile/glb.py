@@ -98,7 +98,7 @@ class _Reader:
         self.document, self.most = document, most
         self.notes = Notes()
         self.kept: dict[tuple[int, int, int], _Part | None] = {}
-        self.frames: dict[tuple[int, int, int], list[Floats]] = {}
+        self.frames: dict[tuple[int, int, int], tuple[_Part, list[Floats]]] = {}
         self.skinned: list[_Part] = []
         self.count = 0
 
@@ -114,12 +114,7 @@ class _Reader:
             node = document.item("nodes", k)
             if "mesh" in node:
                 self._add_mesh(k, node, world_from_node, nodes)
-        placed = [
-            moved
-            for key, frames in self.frames.items()
-            if (part := self.kept[key]) is not None
-            and (moved := _moved(part, np.concatenate(frames)))
-        ]
+        placed = [_moved(part, np.concatenate(frames)) for part, frames in self.frames.values()]
         placed += self.skinned
         if not placed:
             reason = "; ".join(("no triangles in its scene", *self.notes.texts()))
@@ -203,7 +198,7 @@ class _Reader:
             if part.skin is not None and "skin" in node:
                 self.skinned.append(_skinned(part, self._joints(node["skin"], nodes), document))
             else:
-                self.frames.setdefault(key, []).append(frames)
+                self.frames.setdefault(key, (part, []))[1].append(frames)
 
     def _instances(self, k: int, node: Mapping[str, Any]) -> Floats:
         """Return node_from_instance (n, 4, 4): one if the node has no instances of its own."""
@@ -362,6 +357,7 @@ class _Reader:
                 document.fail(place, f"{len(stored)} matrices for {len(joints)} joints")
             inverse = stored[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
         for joint in joints:
+            document.item("nodes", joint, place)
             if joint not in nodes:
                 document.fail(place, "one of its joints is not in the scene")
         world = np.array([nodes[joint] for joint in joints]).reshape(-1, 4, 4)

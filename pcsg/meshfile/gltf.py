@@ -25,6 +25,10 @@ _MOST_EMPTY = 2**20
 """Values of an accessor without data; more are no use, and a few bytes could ask for any number."""
 
 
+_MOST_VALUES = 2**24
+"""Numbers that accessors of a small file may have together, since they may overlap."""
+
+
 class Document:
     """A glTF document with its binary data.
 
@@ -44,6 +48,7 @@ class Document:
         self.name, self.content, self.binary = name, content, binary
         self._buffers: dict[int, bytes] = {}
         self._accessors: dict[int, Floats] = {}
+        self._left = max(_MOST_VALUES, 2 * len(binary))
 
     def fail(self, place: str | None, reason: str) -> NoReturn:
         """Raise the error of the file."""
@@ -116,11 +121,12 @@ class Document:
             self.fail(place, f"unknown `componentType` {accessor['componentType']}")
         kind = np.dtype(code)
         count = self.integer_of(accessor, "count", place)
+        self._left -= count * width
         if "bufferView" in accessor:
             offset = self.integer_of(accessor, "byteOffset", place, 0)
             raw = self._values(accessor["bufferView"], offset, kind, count, width, place)
             values = raw.astype(np.float64)
-        elif count > _MOST_EMPTY:
+        elif count > _MOST_EMPTY or self._left < 0:
             self.fail(place, f"{count} values without data; at most {_MOST_EMPTY} are zero")
         else:
             values = np.zeros((count, width))
@@ -168,6 +174,8 @@ class Document:
         limit = min(len(data), start + room)
         if stride < size or end > limit:
             self.fail(place, f"needs bytes {begin} to {end}, the data end at {limit}")
+        if self._left < 0:
+            self.fail(place, "accessors overlap: together they are larger than the file allows")
         return np.ndarray(
             (count, width), kind, data, begin if count else 0, (stride, kind.itemsize)
         )

@@ -480,6 +480,35 @@ def test_glb_accessors_that_reach_beyond(change: Any, told: str) -> None:
         build.read(primitive)
 
 
+def test_glb_accessors_that_overlap_again_and_again_are_refused() -> None:
+    build = Builder()
+    position = build.accessor(np.zeros((100_000, 3)))
+    accessors = build.document["accessors"]
+    accessors += [dict(accessors[position]) for _ in range(60)]
+    indices = build.accessor([0, 1, 2], "<u1")
+    primitives = [{"attributes": {"POSITION": k}, "indices": indices} for k in range(61)]
+    with pytest.raises(MeshFileError, match="accessors overlap"):
+        build.read(primitives)
+    # One that many share is read once.
+    shared = {"attributes": {"POSITION": position}, "indices": indices}
+    assert build.read([shared] * 500).polygon_count == 0
+
+
+def test_glb_skins_with_joints_that_are_none() -> None:
+    build, primitive = with_tetrahedron()
+    primitive["attributes"] |= {
+        "JOINTS_0": build.accessor([(0, 0, 0, 0)] * 4, "<u1"),
+        "WEIGHTS_0": build.accessor([(1, 0, 0, 0)] * 4),
+    }
+    for joints, told in (
+        ([[]], "is not a number of `nodes`"),
+        ([7], "there is no 7 in `nodes`"),
+        ([], "a vertex hangs on a joint"),
+    ):
+        with pytest.raises(MeshFileError, match=told):
+            build.read(primitive, {"skin": 0}, skins=[{"joints": joints}])
+
+
 def test_glb_chains_of_nodes_may_be_long(tmp_path: Path) -> None:
     nodes: list[dict[str, Any]] = [{"children": [k + 1]} for k in range(5000)]
     data = glb_bytes(CORNERS, FOUR, [*nodes, {"mesh": 0}])
