@@ -54,7 +54,12 @@ CATALOGUE: dict[str, Mistake] = {
             _F,
             "The file is not there, is a folder or no ordinary file, or cannot be read.",
         ),
-        Mistake("file-too-large", _F, "Grammars are small; a file above 16 MB is not one."),
+        Mistake(
+            "file-too-large",
+            _F,
+            "Grammars are small; a file above 16 MB, or of more than 600,000 words, numbers and "
+            "signs, is not one.",
+        ),
         Mistake("not-utf8", _F, "Grammars are UTF-8 text. The caret stands at the first bad byte."),
         Mistake(
             "include-missing",

@@ -220,11 +220,17 @@ class Scene:
     @cached_property
     def boxes(self) -> HyperBoxes:
         """Hyper-bounding boxes of the nodes."""
-        return hyper_boxes(self.graph, self.values, self.states)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return hyper_boxes(self.graph, self.values, self.states)
 
     @cached_property
     def tracer(self) -> Walker | StatesTracer | LazyTracer:
         """Who answers the rays."""
+        # What is beyond the numbers of boxes is infinite there, and so within them.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._make_tracer()
+
+    def _make_tracer(self) -> Walker | StatesTracer | LazyTracer:
         if self._recipes is not None:
             memory = BLOCK_MEMORY if self._block_memory is None else self._block_memory
             return LazyTracer(

@@ -176,6 +176,8 @@ def _preprocess(
         unit = units[path] = Unit(path)
         tokens, found = tokenize(source)
         problems += found
+        if any(p.code == "file-too-large" for p in found):
+            return Preprocessed(None, [], problems)
         includes: list[tuple[Token, SourceSpan]] = []
         unit.tokens = _take_directives(tokens, macros, includes, problems)
         for token, span in includes:

@@ -166,6 +166,9 @@ def words() -> dict[str, tuple[str, str]]:
     return found | {"not": ("NOT", "not"), "else": ("ELSE", "else")}
 
 
+MAX_TOKENS = 600_000
+"""Most tokens of a file; their syntax takes seconds, and half a gigabyte."""
+
 WORD_TYPES = frozenset({"NAME", *(kind for kind, _ in words().values())})
 """Types that a word can have."""
 
@@ -177,7 +180,7 @@ def tokenize(source: Source) -> tuple[list[Token], list[Diagnostic]]:
     -------
     tokens, diagnostics
         Comments are gone. Where a character cannot be used a token of type ``STRAY`` stands, so
-        that the item around it is known to be broken.
+        that the item around it is known to be broken. Of a text that is too long there are none.
     """
     tokens: list[Token] = []
     problems: list[Diagnostic] = []
@@ -237,6 +240,11 @@ def tokenize(source: Source) -> tuple[list[Token], list[Diagnostic]]:
         line_of_last = line
         after = end
         tokens.append(token)
+        if len(tokens) > MAX_TOKENS:
+            told = f"`{source.name}` has more than {MAX_TOKENS:,} words, numbers and signs"
+            span = SourceSpan(source, start, end)
+            hint = "let modules repeat what is alike"
+            return [], [diagnose("file-too-large", told, span, hint=hint)]
     return tokens, problems
 
 

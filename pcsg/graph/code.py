@@ -43,6 +43,8 @@ class NodeFault(Exception):
     node: int
     span: SourceSpan | None
     detail: str = ""
+    params: list[float] | None = None
+    """The slots at that moment, where they are others than before the node."""
 
 
 class GraphCode:
@@ -137,7 +139,11 @@ class GraphCode:
         below = params.copy()
         values = self._memory.get(key)
         if values is None:
-            self._run(k, below)
+            try:
+                self._run(k, below)
+            except NodeFault as fault:
+                fault.params = below  # with what the block has assigned so far
+                raise
             self._remember(key, [below[i] for i in stores])
         else:
             for i, value in zip(stores, values, strict=True):  # type: ignore[call-overload]

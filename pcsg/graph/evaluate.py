@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pcsg.errors import Diagnostic, GrammarError
-from pcsg.graph.expr import Expr
+from pcsg.graph.expr import Expr, parameters_of
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.settings import SETTINGS, FileName, Setting, ValueKind
 from pcsg.graph.tape import Fault, Program
@@ -83,7 +83,7 @@ def _values(setting: Setting, known: Mapping[str, float]) -> dict[str, Any]:
 
 def _evaluate(expr: Expr, known: Mapping[str, float]) -> float:
     """Return the value of an expression over known parameters."""
-    names = list(known)
+    names = [name for name in parameters_of(expr) if name in known]  # there may be thousands
     program = Program({name: k for k, name in enumerate(names)})
     try:
         at = program.add([expr])

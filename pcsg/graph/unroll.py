@@ -207,7 +207,7 @@ class _Unroller:
                     stack.append(UnaryStep(n, None))
                     stack.append((s, code.assign(n, params), matrix))
             except NodeFault as fault:
-                self._report(fault, k, params)
+                self._report(fault, k, params if fault.params is None else fault.params)
                 steps.append(OperationStep(n, UNION, 0))
                 content.append(Combine(UNION, 0))
 

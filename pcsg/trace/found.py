@@ -14,6 +14,7 @@ from pcsg.leaf.dispatch import leaf_attributes, leaf_other_uv, leaf_uv
 from pcsg.leaf.registry import LEAVES, Pool, Solid
 from pcsg.trace.blocks import Blocks
 from pcsg.trace.hits import Hits
+from pcsg.trace.surface import MOST
 from pcsg.vec import Vec3
 
 
@@ -126,6 +127,7 @@ class FoundHits(Hits):
     def _attribute(self, slots: int | slice, kind: type) -> Any:
         # The last row is for misses, whose record is -1.
         table = self._blocks.attributes.reshape(-1, len(ATTRIBUTE_DEFAULTS))[:, slots]
+        table = np.clip(table, -MOST, MOST) if kind is np.int64 else table
         return table.astype(kind)[self._found.record]
 
     def _any_leaf_has(self, kernel: str) -> bool:

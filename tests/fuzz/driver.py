@@ -35,6 +35,9 @@ Data = bytes | str
 SECONDS = 10.0
 """Longest that an input may take, of the processor's time."""
 
+PREPARATION = 600.0
+"""Longest that a preparation may take."""
+
 PATIENCE = 60.0
 """Longest that an input may take by the clock: the machine may have others to serve."""
 
@@ -59,12 +62,15 @@ class Subject:
         Returns a worse input; takes nothing by chance but from the generator.
     run
         Does what users do with an input. May write to the folder, which is empty each time.
+    prepare
+        Does at the beginning what may take its time, such as compiling.
     """
 
     name: str
     seeds: Callable[[], Sequence[Data]]
     mutate: Callable[[random.Random, Any], Data]
     run: Callable[[Any, Path], None]
+    prepare: Callable[[], None] = lambda: None
 
 
 @dataclass(frozen=True)
@@ -174,6 +180,7 @@ def peak_memory() -> int:
 def withstand(subject: Subject, inputs: int, folder: Path, seed: int = 1) -> None:
     """Run some inputs in this process, always the same; an assertion fails with what failed."""
     seeds = subject.seeds()
+    subject.prepare()
     for number in range(inputs):
         data = make_input(subject, seeds, seed, number)
         failure = run_input(subject, data, number, folder)
@@ -191,6 +198,9 @@ def _work(name: str, seed: int, numbers: range, state: Any, told: Connection, tr
             faulthandler.register(signal.SIGUSR1, file)
         subject = find_subject(name)
         seeds = subject.seeds()
+        state[1] = time.monotonic() + PREPARATION
+        subject.prepare()
+        state[2] = 1.0
         for number in numbers:
             state[0], state[1] = number, time.monotonic()
             data = make_input(subject, seeds, seed, number)
@@ -217,7 +227,7 @@ def _run_until_trouble(
     """Run inputs in one process; return the number of the input after the last that was run."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
-    state = context.Array("d", 2, lock=False)
+    state = context.Array("d", 3, lock=False)
     state[0], state[1] = numbers.start, time.monotonic() + 60.0  # it has to import first
     with tempfile.TemporaryDirectory() as folder:
         trace = Path(folder, "trace")
@@ -245,6 +255,8 @@ def _run_until_trouble(
                 worker.kill()
                 break
         worker.join()
+        if not state[2]:
+            raise RuntimeError(f"{name}: the preparation failed ({trouble or worker.exitcode})")
         at = int(state[0])
         if not trouble and worker.exitcode:
             trouble = f"died with {worker.exitcode}"

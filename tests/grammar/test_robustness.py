@@ -121,6 +121,7 @@ def test_mutated_grammars(text: str) -> None:
 
 
 N = 30_000
+LONG = 8_000_000
 
 
 @pytest.mark.parametrize(
@@ -155,6 +156,13 @@ N = 30_000
         "1" * N + ": S -> sphere",
         "{a=" + "1" * N + "} sphere",
         "9" * 5000 + ": S -> sphere\nS",
+        "word " * (LONG // 5),
+        "word " * (LONG // 5) + "\n" + "@" * LONG,
+        "@" * LONG,
+        "{a=" + "1+" * (LONG // 2) + "1} sphere",
+        "S\n" + "".join(f"{k}: S -> box\n" for k in range(1, 1_000_001)),
+        "/**/" * (LONG // 4),
+        "{" + ";".join(f"p{k}={k}" for k in range(N // 2)) + "} sphere",
     ],
     ids=lambda text: text[:12].strip(),
 )
