@@ -177,7 +177,7 @@ def _preprocess(
         tokens, found = tokenize(source)
         problems += found
         if any(p.code == "file-too-large" for p in found):
-            return Preprocessed(None, [], problems)
+            return Preprocessed(None, [], problems, reach)
         includes: list[tuple[Token, SourceSpan]] = []
         unit.tokens = _take_directives(tokens, macros, includes, problems)
         for token, span in includes:
