@@ -176,7 +176,7 @@ class _Plan:
             return
         for c in children:
             if c != leader:
-                sine = max(float(np.linalg.norm(np.cross(self.axis[a], self.axis[c]))), 0.2)
+                sine = max(float(np.linalg.norm(_cross(self.axis[a], self.axis[c]))), 0.2)
                 r_c = float(self.base[c])
                 self.shift[c] = max(r_a - r_c, (1.75 * r_c - r_a) / sine, 0.0)
 
@@ -264,7 +264,7 @@ def _coordinates(plan: _Plan, k: NDArray[np.int64]) -> NDArray[np.float32]:
 def _is_bent(plan: _Plan, k: int) -> bool:
     if abs(plan.j.bend) < LEAST_BEND or not plan.s.lateral[k] or plan.s.parent[k] < 0:
         return False
-    return bool(np.linalg.norm(np.cross(plan.axis[k], plan.axis[plan.s.parent[k]])) > 0.05)
+    return bool(np.linalg.norm(_cross(plan.axis[k], plan.axis[plan.s.parent[k]])) > 0.05)
 
 
 def _bent(plan: _Plan, k: int) -> Field:
@@ -280,20 +280,27 @@ def _bent(plan: _Plan, k: int) -> Field:
     tilt = 0.5 * t
     z = math.cos(tilt) * c + math.sin(tilt) * away
     x = math.cos(tilt) * away - math.sin(tilt) * c
-    frame = np.stack([x, np.cross(z, x), z, plan.s.start[k] + plan.shift[k] * c], axis=1)
+    frame = np.stack([x, _cross(z, x), z, plan.s.start[k] + plan.shift[k] * c], axis=1)
     # u = 0 is where the next internode of the branch has it; in the middle of the arc x is `away`.
     zero = frames_of(c[None])[0][0]
-    turn = math.atan2(float(zero @ np.cross(c, away)), float(zero @ away))
+    turn = math.atan2(float(zero @ _cross(c, away)), float(zero @ away))
     wood = cone(arc, float(plan.base[k]), float(plan.top[k]))
     wood = place(turn_about_z(math.degrees(turn)), wood)
     return place(frame, bend(-math.degrees(t), wood))
 
 
+def _cross(a: Array, b: Array) -> Array:
+    """Return the product of two vectors (3,); that of NumPy takes twenty times as long for one."""
+    x, y, z = a.tolist()
+    u, v, w = b.tolist()
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
+
+
 def _frame(axis: Array, origin: Array) -> Array:
     side = np.array([1.0, 0.0, 0.0]) if abs(axis[0]) < 0.8 else np.array([0.0, 1.0, 0.0])
-    x = np.cross(side, axis)
+    x = _cross(side, axis)
     x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(axis, x), axis, origin], axis=1)
+    return np.stack([x, _cross(axis, x), axis, origin], axis=1)
 
 
 def _bud(plan: _Plan, k: int) -> Field:
@@ -353,7 +360,7 @@ def ridge(plan: _Plan, a: int, p: int, c: int) -> tuple[Field, Field, Field]:
     r_p, r_c = float(plan.base[p]), float(plan.base[c])
     cos = float(np.clip(d @ e, -0.95, 0.98))
     sine = math.sqrt(1.0 - cos * cos)
-    normal = np.cross(d, e)
+    normal = _cross(d, e)
     normal /= max(float(np.linalg.norm(normal)), 1e-9)
     outwards = e - d * cos
     outwards /= max(float(np.linalg.norm(outwards)), 1e-9)

@@ -41,7 +41,7 @@ Vector = tuple[float, float, float]
 COMMANDS = frozenset("FfG+-&^/\\|$[]!'%L{}.")
 """Modules that the turtle knows."""
 
-MOST_PARTS = 25_000
+MOST_PARTS = 20_000
 """Internodes, leaves and triangles at most, where a file does not ask for more: some seconds."""
 
 

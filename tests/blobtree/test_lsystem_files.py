@@ -305,9 +305,9 @@ def test_what_does_not_change_ends(text: str) -> None:
     ("text", "told"),
     [
         ("#define steps 99\naxiom: A\nA -> AA\n", "beyond 1,000,000 modules in step 20 of 99"),
-        ("#define steps 2\naxiom: F\nF -> " + "F" * 200 + "\n", "more than 25,000 internodes"),
-        ("axiom: " + "L" * 25_001 + "\n", "more than 25,000 internodes, leaves"),
-        ("axiom: {" + "f" * 25_003 + "}\n", "more than 25,000 internodes, leaves and triangles"),
+        ("#define steps 2\naxiom: F\nF -> " + "F" * 200 + "\n", "more than 20,000 internodes"),
+        ("axiom: " + "L" * 20_001 + "\n", "more than 20,000 internodes, leaves"),
+        ("axiom: {" + "f" * 20_003 + "}\n", "more than 20,000 internodes, leaves and triangles"),
     ],
 )
 def test_growth_without_end_is_refused_with_what_to_do(text: str, told: str) -> None:
@@ -331,8 +331,8 @@ def test_a_string_that_grows_slowly_is_refused_too() -> None:
 
 
 def test_a_file_may_ask_for_more() -> None:
-    text = "axiom: " + "[L]" * 25_001 + "\nmost: 30000\n"
-    assert len(drawing_of(text).leaves.size) == 25_001
+    text = "axiom: " + "[L]" * 20_001 + "\nmost: 30000\n"
+    assert len(drawing_of(text).leaves.size) == 20_001
     with pytest.raises(UsageError, match="more than 10 internodes"):
         plant_of("axiom: FFFFFFFFFFFF\nmost: 10\n")
 
