@@ -66,6 +66,7 @@ def test_what_cannot_be_copied_is_told(words, text):
         ("oak.lsys", "`pcsg gallery oak --copy`"),
         ("birch", "did you mean `birch.pcsg`?"),
         ("bich.pcsg", "did you mean `birch.pcsg`?"),
+        ("bich", "did you mean `birch.pcsg`?"),
         ("nothing-like-it.pcsg", "there is no file nothing-like-it.pcsg"),
     ],
 )

@@ -39,5 +39,9 @@ def check_there(file: Path) -> None:
             f"{message}; `pcsg gallery {picture.name} --copy` copies the gallery's {copied.name} to"
             " this folder"
         )
-    hint = suggest(file.name, beside)
-    raise UsageError(message + (f"; {hint}" if hint else ""))
+    # Endings make all names alike.
+    near = suggest(file.stem, [Path(name).stem for name in beside])
+    hint = next(
+        (f"did you mean `{n}`?" for n in beside if near and f"`{Path(n).stem}`" in near), ""
+    )
+    raise UsageError(f"{message}; {hint}" if hint else message)
