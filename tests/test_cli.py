@@ -246,6 +246,18 @@ def test_stats(run):
     assert "primitives" in run("stats", "ball.pcsg").stdout
 
 
+def test_stats_tell_where_a_mesh_is_open_and_what_was_mended(run, tmp_path):
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+    (tmp_path / "open.obj").write_text(corners + "f 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    (tmp_path / "turned.obj").write_text(corners + "f 1 2 3\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
+    (tmp_path / "two.pcsg").write_text('mesh("open.obj") | mesh("turned.obj")\n')
+    result = run("stats", "two.pcsg")
+    assert result.exit_code == 0
+    assert "open.obj: 3 triangles, a sheet, 3 open edges, one from (0, 0, 0)" in result.stdout
+    assert "turned.obj: 4 triangles, closed; turned round: facets (1 of 4)" in result.stdout
+    assert 'warning[file-mended]: mesh("turned.obj"): turned round' in result.stderr
+
+
 def test_stats_of_anything_are_json(run, tmp_path):
     (tmp_path / "half.pcsg").write_text("halfspace\n")
     result = run("stats", "half.pcsg", "--json")
