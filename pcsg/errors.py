@@ -312,7 +312,6 @@ SYNONYMS = {
     "basecolor": "color",
     "base_color": "color",
     "metalness": "metallic",
-    "iterations": "steps",
 }
 """What other programs call what a word of ours means."""
 

@@ -45,7 +45,7 @@ class _CallablePackage(ModuleType):
     def __doc__(self) -> str:  # type: ignore[override]  # the help is the function's
         function = _function()
         parameters = str(signature(function)).replace("'", "")
-        return f"{SUMMARY}\n\nrender{parameters}\n\n{getdoc(function)}"
+        return f"{SUMMARY}\n\nrender{parameters}\n\n{getdoc(function) or ''}"
 
     @property
     def __signature__(self) -> Signature:
