@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from pcsg.graph.build import C, S, define
     from pcsg.graph.expr import P, and_, call, if_, not_, or_
     from pcsg.graph.graph import Graph
+    from pcsg.graph.leaves import Leaves
     from pcsg.growth.leaf import tree, tree_leaves, tree_wood
     from pcsg.render import Image, render
     from pcsg.scene import Scene, load, loads
@@ -48,6 +49,7 @@ _HOMES = {
     "Graph": "pcsg.graph.graph",
     "Hits": "pcsg.trace.hits",
     "Image": "pcsg.render",
+    "Leaves": "pcsg.graph.leaves",
     "P": "pcsg.graph.expr",
     "PcsgError": "pcsg.errors",
     "S": "pcsg.graph.build",
@@ -77,6 +79,7 @@ __all__ = [
     "Graph",
     "Hits",
     "Image",
+    "Leaves",
     "P",
     "PcsgError",
     "S",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -33,10 +33,14 @@ from pcsg.trace.tracer import Engine, StatesTracer
 from pcsg.trace.walker import Walker
 
 if TYPE_CHECKING:
+    from pcsg.graph.leaves import Leaves
     from pcsg.treemesh.segments import Assembled
 
 UNROLL_BUDGET = 2_000
 """States that are unrolled before others are left to be made on demand."""
+
+MOST_STATES = 1_000_000
+"""States that primitives are derived from, one by one."""
 
 WHOLE_BUDGET = 16_000
 """States that are unrolled where they cannot be made on demand: seconds of preparation."""
@@ -324,6 +328,29 @@ class Scene:
             return found
         note = f"{others} primitives that are no plain cylinders or cones were left out"
         return found._replace(notes=(*found.notes, note))
+
+    def leaves(self, batch: int = 10_000) -> Iterator[Leaves]:
+        """Yield the primitives of the scene with their places, some at a time.
+
+        Nothing is kept: of a scene of billions those that are asked for take no memory.
+
+        Parameters
+        ----------
+        batch
+            Primitives at a time.
+
+        Raises
+        ------
+        UsageError
+            The scene has more than a million states, so that its derivation cannot be followed.
+        """
+        from pcsg.graph.leaves import batches_of_leaves
+
+        arguments.whole(batch, "batch", 1)
+        states = self.states
+        if not states.finite:
+            states = enumerate_states(self.graph, self.values, MOST_STATES)
+        return batches_of_leaves(states, batch)
 
     def setting_values(self, kind: str) -> list[dict[str, Any]]:
         """Return the settings of a kind, defaults filled in, None where automatic."""
