@@ -26,15 +26,13 @@ from pcsg.render.image import Image
 from pcsg.render.integrators import Integrator, Purpose, Samples
 from pcsg.render.metadata import describe
 from pcsg.render.options import Options, processors
+from pcsg.render.passes import Pass
 from pcsg.render.path import Direct, Path
 from pcsg.render.preview import Preview
 from pcsg.render.sampler import Sampler
 from pcsg.render.stage import Stage, build_stage
-from pcsg.render.tracer import Bools, Floats, Ints, RenderScene
+from pcsg.render.tracer import Floats, RenderScene
 from pcsg.trace.rays import Stopped, stoppable
-
-BATCH = 1 << 14
-"""Camera rays per batch."""
 
 _BLOCK = 64
 """Side of the squares of pixels that are visited one after the other."""
@@ -67,47 +65,6 @@ class Progress:
     expected: float = 0.0
     rays: int = 0
     seconds: float = 0.0
-
-
-@dataclass(frozen=True)
-class Pass:
-    """Which pixels get more samples, and how far that is.
-
-    Attributes
-    ----------
-    taken, level
-        Numbers of samples before and after.
-    pixels
-        (P,) positions in the film; `batch` parts them always in the same way.
-    done
-        (B,) which batches are done.
-    """
-
-    taken: int
-    level: int
-    pixels: Ints
-    done: Bools
-
-    @classmethod
-    def of(cls, taken: int, level: int, pixels: Ints) -> Pass:
-        """Return a pass that has not begun."""
-        step = cls._step(taken, level)
-        return cls(taken, level, pixels, np.zeros(-(-len(pixels) // step), dtype=bool))
-
-    @staticmethod
-    def _step(taken: int, level: int) -> int:
-        return max(1, BATCH // (level - taken))
-
-    @property
-    def pixels_left(self) -> int:
-        """How many pixels are not done."""
-        step = self._step(self.taken, self.level)
-        return min(int((~self.done).sum()) * step, len(self.pixels))
-
-    def batch(self, number: int) -> Ints:
-        """Return the pixels of a batch."""
-        step = self._step(self.taken, self.level)
-        return self.pixels[number * step : (number + 1) * step]
 
 
 class _Clock:

@@ -184,7 +184,8 @@ class Pace:
     def learn(self, size: int, seconds: float) -> None:
         """Take in how long a chunk took."""
         wanted = int(size * SECONDS / max(seconds, 1e-6))
-        self._size = max(SMALLEST_CHUNK, min(wanted, STEP * size, LARGEST_CHUNK))
+        most = max(self._size, STEP * size)
+        self._size = max(SMALLEST_CHUNK, min(wanted, most, LARGEST_CHUNK))
 
 
 def run_chunks(n: int, threads: int, work: Callable[[int, int], None], pace: Pace) -> None:

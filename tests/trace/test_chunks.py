@@ -60,6 +60,10 @@ def test_chunks_grow_as_long_as_they_are_short() -> None:
     sizes.clear()
     run_chunks(10**5, 1, lambda begin, end: sizes.append(end - begin), pace)
     assert sizes == [10**5]
+    run_chunks(1, 1, lambda begin, end: None, pace)
+    sizes.clear()
+    run_chunks(10**5, 1, lambda begin, end: sizes.append(end - begin), pace)
+    assert sizes == [10**5]
 
 
 def sleep_long(begin: int, end: int) -> None:
