@@ -22,7 +22,7 @@ record: "{" [pair ("," pair)*] "}"
 pair: TEXT ":" value
 row: "[" [value ("," value)*] "]"
 TEXT: /"([^"\\\x00-\x1f]|\\["\\\/bfnrt]|\\u[0-9a-fA-F]{4})*"/
-NUMBER: /-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?/
+NUMBER: /-?(0|[1-9][0-9]*)(\.[0-9]+)?([eE][+-]?[0-9]+)?/
 WORD: "true" | "false" | "null"
 %ignore /[ \t\r\n]+/
 """

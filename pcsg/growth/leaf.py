@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import WeakValueDictionary
 
 from pcsg.errors import Diagnostic, GrammarError, UsageError, suggest
 from pcsg.graph.build import LeafConstructor
@@ -123,7 +124,7 @@ def species_mistakes(text: str, name: str) -> list[Diagnostic]:
     return []
 
 
-_READ: dict[tuple[str, str], Growth] = {}
+_READ: WeakValueDictionary[tuple[str, str], Growth] = WeakValueDictionary()
 
 
 def read_growth(text: str, folder: Path) -> Growth:
@@ -146,15 +147,16 @@ def read_growth(text: str, folder: Path) -> Growth:
         )
     name, content = species_text(text if text in shipped() else folder / text)
     key = text, content
-    if key not in _READ:
+    found = _READ.get(key)
+    if found is None:
         mistakes = species_mistakes(content, name)
         if mistakes:
             first, *more = mistakes
             told = f"{first.span}: {first.message}" if first.span else first.message
             rest = f", and {len(more)} more: `pcsg check {text}` tells all" if more else ""
             raise UsageError(told + rest)
-        _READ[key] = Growth(text, content)
-    return _READ[key]
+        found = _READ[key] = Growth(text, content)
+    return found
 
 
 @word

@@ -17,6 +17,7 @@ from pcsg.growth.species import load_species, read_species
     [
         ('{"seed": 1' + "0" * 400 + "}", "this cannot be `seed`"),
         ('{"seed": ' + "9" * 5000 + "}", "this cannot be `seed`"),
+        ('{"seed": 1\u0661}', "cannot stand here"),
         ('{"lmin": -' + "9" * 5000 + "}", "this cannot be `lmin`"),
         ('{"curves": {"G_h": {"points": [[0, 1' + "0" * 400 + "], [1, 1]]}}}", "no point"),
         ('{"curves": ' + "[" * 100_000 + "]" * 100_000 + "}", "brackets within brackets"),
