@@ -84,6 +84,29 @@ def test_an_operation_ends_though_something_begins_before() -> None:
     assert scene.intersect([(-0.75, 1.0, -0.5)], [(1.0, 0.0, 0.0)]).t == [1.75]
 
 
+BITTEN = "(B \\ box)", "(uscale(1.5) B \\ box)"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{} (move(0,0,1) tri1 | box)",
+        "{} (box | move(0,0,1) tri1)",
+        f"{{}} ({BITTEN[0]} | {BITTEN[1]})\n1: B -> uscale(3) sphere | move(9,0,0) sphere",
+        f"{{}} ({BITTEN[1]} | {BITTEN[0]})\n1: B -> uscale(3) sphere | move(9,0,0) sphere",
+    ],
+)
+def test_of_what_ends_where_a_ray_leaves_the_first_in_the_text_answers(text: str) -> None:
+    walked, states = (pcsg.loads(text, engine=engine) for engine in ("cyclic", "states"))
+    rng = np.random.default_rng(6)
+    origins = rng.uniform(-2.0, 2.0, (500, 3))
+    directions = rng.uniform(-1.0, 1.0, (500, 3)) - origins
+    a, b = walked.intersect(origins, directions), states.intersect(origins, directions)
+    assert a.mask.all()
+    np.testing.assert_array_equal(b.leaf, a.leaf)
+    np.testing.assert_allclose(b.normal, a.normal, atol=1e-6)
+
+
 def test_threads_keep_their_working_space() -> None:
     scene = pcsg.loads("sphere")
     n = 3 * batches.CHUNK
