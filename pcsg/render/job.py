@@ -41,6 +41,10 @@ _GUESS = 0.35
 """Assumed part of the pixels that a pass hands on to the next, for the time that is left."""
 
 
+MOST = 1e30
+"""Of the light in a picture that is put aside: more is no number once it is shown."""
+
+
 @dataclass
 class Progress:
     """How far a job is.
@@ -349,7 +353,7 @@ class Job:
 
 
 def check_light(layers: Mapping[str, NDArray[Any]]) -> None:
-    """Require that layers of a picture are numbers; only what is far away is infinite.
+    """Require that layers of a picture are numbers of sense; only what is far away is infinite.
 
     Raises
     ------
@@ -358,7 +362,7 @@ def check_light(layers: Mapping[str, NDArray[Any]]) -> None:
     """
     for name, values in layers.items():
         if np.issubdtype(values.dtype, np.floating):
-            fine = ~np.isnan(values) if name == "depth" else np.isfinite(values)
+            fine = ~np.isnan(values) if name == "depth" else np.abs(values) <= MOST
             if not fine.all():
                 raise ValueError(f"{name} is not a number somewhere")
 

@@ -274,7 +274,7 @@ def make_sky(values: Mapping[str, Any], sun: tuple[float, float, float]) -> Sky 
     return GradientSky(_scaled(values["zenith"], strength), horizon, _tinted(horizon, NADIR))
 
 
-BRIGHTEST = 1e30
+BRIGHTEST = 1e24
 """Of the pixels of a sky. Light that is summed up must stay a number."""
 
 DARK = GradientSky((0.0,) * 3, (0.0,) * 3, (0.0,) * 3)

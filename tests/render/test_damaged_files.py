@@ -260,6 +260,7 @@ def test_tiles_that_are_none(tmp_path):
         {"rgb": None},
         {"rgb": np.zeros((15, 41, 3), np.float32)},
         {"rgb": np.full((15, 40, 3), np.inf, np.float32)},
+        {"rgb": np.full((15, 40, 3), 3e38, np.float32)},
         {"finished": np.zeros((15, 40))},
     ):
         changed(paths[0], **arrays)
