@@ -246,6 +246,9 @@ class Job:
         if not ((state["count"] >= 0) & (state["count"] <= levels[-1])).all():
             raise ValueError("its pixels have numbers of samples that none has")
         check_light({name: state[name] for name in self.film.arrays()})
+        for name in ("tone", "tone2"):  # of samples as displayed, which is about 1 at most
+            if not ((state[name] >= 0.0) & (state[name] <= 4.0 * levels[-1])).all():
+                raise ValueError(f"{name} is none")
         if ("pixels" in state) != ("done" in state):
             raise ValueError("half of a pass is missing")
         if "pixels" in state:

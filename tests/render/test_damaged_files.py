@@ -194,6 +194,8 @@ def changed(path, **arrays):
         {"total": np.zeros((30, 40, 3))},
         {"total": np.full((30, 40, 3), np.nan, np.float32)},
         {"depth": np.full((30, 40), np.nan, np.float32)},
+        {"tone": np.full((30, 40), 1e25, np.float32)},
+        {"tone2": np.full((30, 40), -1, np.float32)},
         {"count": np.full((30, 40), -1, np.int32)},
         {"count": np.full((30, 40), 5, np.int32)},
         {"pixels": np.array([0, 1200])},
