@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import errno
 import io
+import json
 import os
+import re
 import stat
+from itertools import accumulate
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from pcsg.errors import EnvironmentFault, UsageError
 
@@ -22,6 +25,12 @@ LIMIT = 512 * 2**20
 _FLAGS = os.O_RDONLY | sum(
     getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY")
 )
+
+MOST_NESTED = 500
+"""Brackets within brackets of a JSON text: those who read it further may recurse."""
+
+_STRING = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
+_BRACKET = re.compile(r"[\[\]{}]")
 
 _USERS_MISTAKES = (errno.ENOENT, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG)
 
@@ -105,6 +114,21 @@ def read_text(path: str | Path, what: str, limit: int = LIMIT) -> str:
             f"cannot read the {what} `{path}`: it is not UTF-8 ({bad}); save it as UTF-8"
         ) from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def parse_json(text: str) -> Any:
+    """Return the value of a JSON text.
+
+    Raises
+    ------
+    ValueError
+        It is no JSON, or has brackets within brackets more than `MOST_NESTED` deep.
+    """
+    if text.count("[") + text.count("{") > MOST_NESTED:
+        brackets = _BRACKET.findall(_STRING.sub("", text))
+        if max(accumulate(1 if b in "[{" else -1 for b in brackets), default=0) > MOST_NESTED:
+            raise ValueError(f"brackets within brackets, more than {MOST_NESTED} deep")
+    return json.loads(text)
 
 
 def _require_ordinary(status: os.stat_result, path: str | Path, what: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.errors import UsageError
-from pcsg.inputs import read_text
+from pcsg.inputs import parse_json, read_text
 
 SKELETON_ENDINGS = (".json", ".swc")
 
@@ -159,8 +158,8 @@ def parse_rows(text: str, name: str) -> SkeletonRows:
     if name.lower().endswith(".swc"):
         return rows_from_swc(text, name)
     try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        data = parse_json(text)
+    except ValueError as error:
         raise UsageError(f"{name}: not JSON: {error}") from None
     return rows_from_json(data, name)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pcsg.errors import EnvironmentFault, UsageError
-from pcsg.inputs import TooLargeError, open_bytes, read_bytes, read_text
+from pcsg.inputs import MOST_NESTED, TooLargeError, open_bytes, parse_json, read_bytes, read_text
 
 READERS = [
     lambda path, limit: read_bytes(path, "mesh", limit),
@@ -148,3 +148,13 @@ def test_a_file_that_may_not_be_read(
     monkeypatch.setattr(os, "open", refuse)
     with pytest.raises(EnvironmentFault, match=r"cannot read the mesh `.*`: Permission denied"):
         read(path)
+
+
+def test_json_may_nest_brackets_only_so_deep() -> None:
+    assert parse_json('{"a": [1, {"b": "[[[" }]}') == {"a": [1, {"b": "[[["}]}
+    deep, strings = MOST_NESTED * "[", '["' + 1_000 * "[" + '"]'
+    assert parse_json(deep + MOST_NESTED * "]") is not None
+    assert parse_json(strings) == [1_000 * "["]
+    for text in ("[" * 100_000, '{"a":' * 100_000, deep + '["]]]"'):
+        with pytest.raises(ValueError, match="within brackets"):
+            parse_json(text)

@@ -7,7 +7,6 @@ skins as the joints stand.
 
 from __future__ import annotations
 
-import json
 import math
 import struct
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pcsg.inputs import parse_json
 from pcsg.meshfile.gltf import FAN, STRIP, TRIANGLES, Document, of_vertices, triangles_of
 from pcsg.meshfile.mesh import (
     Floats,
@@ -67,8 +67,8 @@ def _split_chunks(name: str, data: bytes) -> tuple[Any, bytes]:
         chunks.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
     try:
-        document = json.loads(chunks.get(_JSON, b"").decode("utf-8"))
-    except (ValueError, RecursionError) as error:
+        document = parse_json(chunks.get(_JSON, b"").decode("utf-8"))
+    except ValueError as error:
         raise MeshFileError(name, "byte 20", f"its JSON is damaged: {error}") from None
     return document, chunks.get(_BIN, b"")
 

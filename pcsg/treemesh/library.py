@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pcsg.errors import UsageError
-from pcsg.inputs import read_text
+from pcsg.inputs import parse_json, read_text
 from pcsg.outputs import check_output, write_whole
 from pcsg.treemesh.editing import subtree
 from pcsg.treemesh.files import skeleton_from_json, skeleton_to_json
@@ -151,7 +151,7 @@ class Library:
         """
         path = Path(path)
         try:
-            data: Any = json.loads(read_text(path, "library"))
+            data: Any = parse_json(read_text(path, "library"))
             rows: Iterable[Any] = data["library"]
             return cls(
                 [
@@ -163,7 +163,7 @@ class Library:
                     for row in rows
                 ]
             )
-        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError) as error:
             if isinstance(error, UsageError):
                 raise
             raise UsageError(f"{path}: not a library of subtrees") from None
