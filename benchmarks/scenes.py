@@ -112,6 +112,19 @@ def _crossed_boxes() -> str:
     return f"{{}} ({union()}) & ({union()})\n"
 
 
+def many_written(n: int) -> str:
+    """Return a union of n boxes with colors, as scripts write them: a line each."""
+    rng = np.random.default_rng(1)
+    color, at = rng.uniform(0, 1, (n, 3)), rng.uniform(-50, 50, (n, 3))
+    turn, size = rng.uniform(0, 360, n), rng.uniform(0.1, 1, (n, 2))
+    rows = [
+        f"color({r:.3f},{g:.3f},{b:.3f}) move({x:.4f},{y:.4f},{z:.4f}) rotz({a:.2f}) "
+        f"scale({u:.3f},{v:.3f},1) box"
+        for (r, g, b), (x, y, z), a, (u, v) in zip(color, at, turn, size, strict=True)
+    ]
+    return "{} (" + "\n | ".join(rows) + ")\n"
+
+
 def rough_ball(n: int) -> tuple[Floats, NDArray[np.int32]]:
     """Return the corners and triangles of a closed ball with a rough surface, 4 n (n - 1)."""
     rng = np.random.default_rng(0)

@@ -19,7 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 import pcsg
 from benchmarks.report import measure_command
-from benchmarks.scenes import GRAMMARS, HERE, SCENES, rough_ball
+from benchmarks.scenes import GRAMMARS, HERE, SCENES, many_written, rough_ball
 from benchmarks.views import look_at, picture_rays, random_rays
 
 Work = Callable[[], object]
@@ -87,6 +87,13 @@ def _read(text: Callable[[], str]) -> Task:
     return Task(lambda: run)
 
 
+def _check() -> Work:
+    """Every mistake of what a script has written."""
+    from pcsg.grammar import load_text
+
+    return partial(load_text, many_written(20_000))
+
+
 def _grow() -> Work:
     """A growing tree at instants that nothing has kept."""
     instants = iter(15.6 + 0.01 * k for k in range(100))
@@ -138,6 +145,7 @@ TASKS: dict[str, Task] = {
     "mesh, 39,600 triangles, random": Task(_mesh),
     "reading, tree": _read(SCENES["tree"].text),
     "reading, 1,000 boxes": _read(SCENES["500 & 500 boxes"].text),
+    "checking, 20,000 written solids": Task(_check),
     "growth, a poplar of 15 years": Task(_grow),
     "mesh of a tree": Task(_cover),
     "all light, mushrooms": Task(_shine),

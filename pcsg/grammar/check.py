@@ -13,7 +13,7 @@ from pcsg.grammar.names import Names
 from pcsg.grammar.places import check_part_places, check_places
 from pcsg.grammar.syntax import Arguments, Solid
 from pcsg.graph.attributes import ATTRIBUTES
-from pcsg.graph.expr import Apply, Expr, Parameter, operands, postorder
+from pcsg.graph.expr import Apply, Expr, Parameter, applications
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.operators import SUM
 from pcsg.graph.settings import SETTINGS
@@ -179,12 +179,7 @@ def check_field(part: Part, names: Names, fields: set[str]) -> list[Diagnostic]:
 
 def check_numbers(exprs: Iterable[Expr]) -> list[Diagnostic]:
     """Check the functions that expressions call, and their numbers of arguments."""
-    problems: list[Diagnostic] = []
-    for root in exprs:
-        for expr in postorder(root, operands):
-            if isinstance(expr, Apply):
-                problems += _check_function(expr)
-    return problems
+    return [problem for expr in applications(exprs) for problem in _check_function(expr)]
 
 
 def _check_function(expr: Apply) -> list[Diagnostic]:
@@ -373,9 +368,11 @@ def _check_transformation(part: syntax.Unary) -> list[Diagnostic]:
         message = f"unknown transformation `{part.name}`"
         return [diagnose("unknown-transformation", message, part.span, hint=hint)]
     count = len(transform.parameters)
+    given = len(part.arguments.values)
+    if given == count and not part.arguments.seeds:
+        return []
     usage = f"`{part.name}({', '.join(transform.parameters)})`"
     seeds = _check_seeds(part.name, part.arguments, part.span)
-    given = len(part.arguments.values)
     return seeds + _check_count(part.name, given, count, count, part.span, usage)
 
 

@@ -71,7 +71,7 @@ def field_names(names: Names) -> set[str]:
     found: set[str] = set()
     todo: list[Solid] = []
     for body in _bodies(names):
-        todo += [part for part in syntax.inner(body) if isinstance(part, syntax.Blob)]
+        todo += _blobs_in(body)
     while todo:
         for part in syntax.inner(todo.pop()):
             if isinstance(part, syntax.Use) and part.name not in found:
@@ -82,6 +82,19 @@ def field_names(names: Names) -> set[str]:
                     found.add(part.name)
                     solid = names.definitions[part.name].solid
                     todo += [solid] if solid is not None else []
+    return found
+
+
+def _blobs_in(body: Solid) -> list[Solid]:
+    found: list[Solid] = []
+    stack = [body]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, syntax.Prefixed):
+            item = item.operand
+        if isinstance(item, syntax.Blob):
+            found.append(item)
+        stack += _operands(item)
     return found
 
 

@@ -48,6 +48,7 @@ _NAMES = _OPERAND_STARTS - {"LBRACE"}
 _APPLIES_TO = _OPERAND_STARTS | {"LPAREN"}
 _CAN_BEGIN = WORD_TYPES | {"BLOB", "NUMBER", "LBRACE", "LPAREN"}
 _SELECTION_STARTS = frozenset({"NUMBER", "NAME", "LPAREN", "NOT", "CONSTANT"})
+_ARGUMENTS = ("LPAREN", "LITERALS")
 # Types after which an expression for a solid, or a number, can be complete.
 _ENDS_SOLID = frozenset({"NAME", "PRIMITIVE"})
 _ENDS_NUMBER = frozenset({"NAME", "NUMBER", "CONSTANT"})
@@ -80,6 +81,8 @@ def mark_fields(tokens: Sequence[Token]) -> None:
         behind = i + 1
         if following == "LPAREN":
             behind = partner.get(i + 1, len(tokens)) + 1
+        elif following == "LITERALS":
+            behind += 1
         after = tokens[behind] if behind < len(tokens) else None
         if token.type == "PRIMITIVE" and token.text == "blob" and following == "LBRACE":
             token.type = "BLOB"
@@ -89,7 +92,7 @@ def mark_fields(tokens: Sequence[Token]) -> None:
                 token.type = "BLEND"
                 _mark_braces(tokens, behind, partner)
                 behind = partner[behind] + 1
-        elif token.type == "NAME" and token.text in FIELD_UNARY and following == "LPAREN":
+        elif token.type == "NAME" and token.text in FIELD_UNARY and following in _ARGUMENTS:
             applies = after is not None and after.type in _APPLIES_TO
             token.type = "TRANSFORM" if applies else token.type
 
@@ -192,7 +195,7 @@ class _Cutter:
         if not self._on_line(i + 1):
             return False
         selection = self.tokens[i + 1]
-        if selection.text in FUNCTIONS and self._type(i + 2) == "LPAREN":
+        if selection.text in FUNCTIONS and self._type(i + 2) in _ARGUMENTS:
             return selection.type == "NAME"
         if self.open or self.tokens[i].type != "NAME":
             return False
@@ -256,10 +259,13 @@ class _Cutter:
         kind = token.type
         self.item.tokens.append(token)
         self.closed_call = None
-        if kind in _OPENS:
-            self._open(token, before)
+        if kind == "LITERALS":
+            self._open(token, before, "(")
+            self._close(token, "(")
+        elif kind in _OPENS:
+            self._open(token, before, _OPENS[kind])
         elif kind in _CLOSES:
-            self._close(token)
+            self._close(token, _CLOSES[kind])
         elif kind == "STRAY":
             self.item.broken = True
         elif kind == "ASSIGN":
@@ -286,22 +292,21 @@ class _Cutter:
             ends = _ENDS_NUMBER if self.arithmetic else _ENDS_SOLID
             self.complete = kind in ends and not head and not self.condition
 
-    def _open(self, token: Token, before: Token | None) -> None:
+    def _open(self, token: Token, before: Token | None, sign: str) -> None:
         assert self.item is not None
         role = "group"
         if self.open and (self.open[-1][1] == "{" or self.open[-1][2] != "group"):
             role = "number"
-        elif token.type == "LPAREN" and before is not None and len(self.item.tokens) > 1:
+        elif sign == "(" and before is not None and len(self.item.tokens) > 1:
             if before.type in ("NAME", "PRIMITIVE"):
                 role = "call"
             elif before.type in ("TRANSFORM", "ATTRIBUTE"):
                 role = "unary"
-        self.open.append((token, _OPENS[token.type], role, before))
+        self.open.append((token, sign, role, before))
         self.complete = False
 
-    def _close(self, token: Token) -> None:
+    def _close(self, token: Token, sign: str) -> None:
         assert self.item is not None
-        sign = _CLOSES[token.type]
         if not self.open or self.open[-1][1] != sign:
             if self.item.broken:
                 del self.open[-1:]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, SourceSpan
-from pcsg.grammar.tokens import WORD_TYPES, Token, join
+from pcsg.grammar.tokens import TAKES_LITERALS, WORD_TYPES, Token, join, unfold
 
 MAX_EXPANSION = 300_000
 """Largest number of tokens that macros may produce."""
@@ -48,7 +48,7 @@ def take_define(
         return end
     name = tokens[i + 2]
     start = i + 3
-    if start < end and tokens[start].type == "LPAREN" and not tokens[start].gap:
+    if start < end and tokens[start].type in ("LPAREN", "LITERALS") and not tokens[start].gap:
         problems.append(
             diagnose(
                 "macro-function",
@@ -150,9 +150,15 @@ class Expander:
         out: list[Token] = []
         for token in tokens:
             if token.text in macros and token.type in WORD_TYPES:
-                out.extend(self._replace(token))
+                found = self._replace(token)
             else:
-                out.append(token)
+                found = [token]
+            for part in found:
+                if part.type == "LITERALS" and out[-1].type not in TAKES_LITERALS:
+                    # A macro has put something else before them.
+                    out.extend(unfold(part))
+                else:
+                    out.append(part)
         return out
 
     def _replace(self, use: Token) -> list[Token]:
@@ -175,13 +181,10 @@ class Expander:
                     return self._give_up(use)
                 stack.append((iter(macro.body), (*places, token.span)))
                 continue
-            self.room -= 1
+            self.room -= token.size
             if self.room < 0:
                 return self._give_up(use)
-            copy = Token(token.type, token.text, use.source, use.start, use.end, use.line)
-            copy.origin, copy.places = token, places
-            copy.gap = token.gap
-            out.append(copy)
+            out.append(token.copy_to(use, places))
         out[0].first = use.first
         out[0].gap = use.gap
         return out

@@ -15,11 +15,13 @@ from lark.parsers.lalr_interactive_parser import InteractiveParser
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic
 from pcsg.grammar import syntax
+from pcsg.grammar.automaton import STUCK, Automaton
 from pcsg.grammar.items import RawItem
+from pcsg.grammar.literals import numbers_of
 from pcsg.grammar.messages import explain
 from pcsg.grammar.precedence import Signed, SyntaxFault, Term, combine_numbers, combine_solids
 from pcsg.grammar.syntax import Arguments, Name, Solid, Value
-from pcsg.grammar.tokens import CONSTANTS, Token, join
+from pcsg.grammar.tokens import CONSTANTS, Token, join, span_of, unfold
 from pcsg.graph.expr import Apply, Expr, Number, Parameter
 from pcsg.graph.transforms import TRANSFORMS
 
@@ -53,6 +55,22 @@ def parse_item(raw: RawItem, last: bool) -> tuple[syntax.Item, Diagnostic | None
             hint="write `{} ( ... )`",
         )
         return _broken(raw), problem
+    try:
+        item: syntax.Item = _automaton(kind).parse(tokens)
+        if item is not STUCK:
+            return item, None
+    except SyntaxFault as fault:
+        return _broken(raw), fault.problem
+    return _parse_slowly(raw, kind, last)
+
+
+def _parse_slowly(raw: RawItem, kind: str, last: bool) -> tuple[syntax.Item, Diagnostic | None]:
+    """Parse an item with Lark's loop, which knows what would have fitted."""
+    tokens = raw.tokens = [
+        part
+        for token in raw.tokens
+        for part in (unfold(token) if token.type == "LITERALS" else (token,))
+    ]
     parser = _new_parser(kind)
     feed = parser.parser_state.feed_token
     at = -1
@@ -122,6 +140,11 @@ def _new_parser(start: str) -> InteractiveParser:
     return _lark().parse_interactive(start=start)
 
 
+@cache
+def _automaton(start: str) -> Automaton:
+    return Automaton(_new_parser(start).parser_state.parse_conf)
+
+
 Items = list[Any]
 
 
@@ -162,7 +185,7 @@ class _Builder(Transformer[Any, Any]):
     def setting(self, c: Items) -> syntax.SettingItem:
         kind, name = c[0], c[1]
         pairs = next((x for x in c[2:] if isinstance(x, list)), [])
-        span = join(kind.span, c[-1].span)
+        span = span_of(kind, c[-1])
         return syntax.SettingItem(_name(kind), name and _name(name), tuple(pairs), span)
 
     def pair(self, c: Items) -> tuple[Name, Value]:
@@ -172,7 +195,7 @@ class _Builder(Transformer[Any, Any]):
         return Value((c[0],), None, c[0].span)
 
     def value_vector(self, c: Items) -> Value:
-        return Value((c[1], c[3], c[5]), None, join(c[0].span, c[6].span))
+        return Value((c[1], c[3], c[5]), None, span_of(c[0], c[6]))
 
     def value_list(self, c: Items) -> Value:
         return Value((c[0], c[2], c[4]), None, join(c[0].span, c[4].span))
@@ -211,20 +234,20 @@ class _Builder(Transformer[Any, Any]):
 
     def transformation(self, c: Items) -> syntax.Unary:
         word, (arguments, end) = c
-        return syntax.Unary(word.text, arguments, False, join(word.span, end.span))
+        return syntax.Unary(word.text, arguments, False, span_of(word, end))
 
     def mirror(self, c: Items) -> syntax.Unary:
         return syntax.Unary(c[0].text, Arguments(), False, c[0].span)
 
     def attribute(self, c: Items) -> syntax.Unary:
         word, (arguments, end) = c
-        return syntax.Unary(word.text, arguments, True, join(word.span, end.span))
+        return syntax.Unary(word.text, arguments, True, span_of(word, end))
 
     def empty_block(self, c: Items) -> syntax.Block:
-        return syntax.Block((), join(c[0].span, c[1].span))
+        return syntax.Block((), span_of(c[0], c[1]))
 
     def block(self, c: Items) -> syntax.Block:
-        return syntax.Block(tuple(c[1]), join(c[0].span, c[-1].span))
+        return syntax.Block(tuple(c[1]), span_of(c[0], c[-1]))
 
     def assignment(self, c: Items) -> tuple[Name, Expr]:
         return _name(c[0]), c[2]
@@ -234,26 +257,26 @@ class _Builder(Transformer[Any, Any]):
 
     def call(self, c: Items) -> syntax.Use:
         word, (arguments, end) = c
-        return syntax.Use(word.text, arguments, join(word.span, end.span))
+        return syntax.Use(word.text, arguments, span_of(word, end))
 
     def primitive(self, c: Items) -> syntax.Primitive:
         word = c[0]
         if len(c) == 1:
             return syntax.Primitive(word.text, Arguments(), word.span)
         arguments, end = c[1]
-        return syntax.Primitive(word.text, arguments, join(word.span, end.span))
+        return syntax.Primitive(word.text, arguments, span_of(word, end))
 
     def primitive_of_texts(self, c: Items) -> syntax.Primitive:
         word, opening, texts = c[:3]
         numbers = self.arguments([opening, c[4], c[-1]])[0] if len(c) > 4 else Arguments()
-        span = join(word.span, c[-1].span)
+        span = span_of(word, c[-1])
         quoted = tuple(syntax.Text(t.text[1:-1], t.span) for t in texts)
         return syntax.Primitive(word.text, numbers, span, quoted)
 
     # Fields.
 
     def blob(self, c: Items) -> syntax.Blob:
-        return syntax.Blob((combine_solids(c[2]),), join(c[0].span, c[3].span))
+        return syntax.Blob((combine_solids(c[2]),), span_of(c[0], c[3]))
 
     def braces(self, c: Items) -> tuple[Items, Token]:
         return c[1], c[2]
@@ -265,12 +288,12 @@ class _Builder(Transformer[Any, Any]):
     def blend(self, c: Items) -> syntax.BlendUse:
         word, (fields, end) = c
         solids = tuple(combine_solids(f) for f in fields)
-        return syntax.BlendUse(word.text, Arguments(), solids, join(word.span, end.span))
+        return syntax.BlendUse(word.text, Arguments(), solids, span_of(word, end))
 
     def blend_with_numbers(self, c: Items) -> syntax.BlendUse:
         word, (arguments, _), (fields, end) = c
         solids = tuple(combine_solids(f) for f in fields)
-        return syntax.BlendUse(word.text, arguments, solids, join(word.span, end.span))
+        return syntax.BlendUse(word.text, arguments, solids, span_of(word, end))
 
     # Numbers.
 
@@ -281,7 +304,7 @@ class _Builder(Transformer[Any, Any]):
         expr = combine_numbers(c[1])
         if isinstance(expr, Apply):
             # The span takes the parentheses in.
-            return Apply(expr.function, expr.args, expr.seeds, join(c[0].span, c[2].span))
+            return Apply(expr.function, expr.args, expr.seeds, span_of(c[0], c[2]))
         return expr
 
     def signed(self, c: Items) -> Term:
@@ -302,8 +325,11 @@ class _Builder(Transformer[Any, Any]):
 
     def function(self, c: Items) -> Expr:
         word, (arguments, end) = c
-        span = join(word.span, end.span)
+        span = span_of(word, end)
         return Apply(word.text, arguments.values, arguments.seeds, span)
+
+    def literal_arguments(self, c: Items) -> tuple[Arguments, Token]:
+        return Arguments(numbers_of(c[0])), c[0]
 
     def no_arguments(self, c: Items) -> tuple[Arguments, Token]:
         return Arguments(), c[-1]

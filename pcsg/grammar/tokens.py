@@ -22,7 +22,7 @@ CONSTANTS: Mapping[str, float] = {"pi": math.pi, "e": math.e, "true": 1.0, "fals
 
 
 class Token:
-    """A word, a number or a sign.
+    """A word, a number, a sign; or numbers in parentheses, one token behind the word they are for.
 
     Attributes
     ----------
@@ -79,6 +79,25 @@ class Token:
             body = SourceSpan(place.source, place.start, place.end, body)
         return SourceSpan(self.source, self.start, self.end, body)
 
+    @property
+    def size(self) -> int:
+        """What it counts for where tokens are limited: the numbers in it count, too."""
+        return 2 + self.text.count(",") if self.type == "LITERALS" else 1
+
+    def copy_to(self, use: Token, places: tuple[SourceSpan, ...]) -> Token:
+        """Return a copy that stands where a macro is used."""
+        copy = Token(self.type, self.text, use.source, use.start, use.end, use.line)
+        copy.origin, copy.places = self, places
+        copy.gap = self.gap
+        return copy
+
+
+def span_of(first: Token, last: Token) -> SourceSpan:
+    """Return the span from the start of one token to the end of another behind it."""
+    if first.origin is None and last.origin is None:
+        return SourceSpan(first.source, first.start, max(first.end, last.end))
+    return join(first.span, last.span)
+
 
 def join(a: SourceSpan, b: SourceSpan) -> SourceSpan:
     """Return the span from the start of one to the end of another behind it."""
@@ -117,6 +136,17 @@ _SYMBOLS: dict[str, tuple[str, str]] = {
     "-": ("MINUS", "-"),
 }
 
+TAKES_LITERALS = frozenset({"NAME", "PRIMITIVE", "TRANSFORM", "ATTRIBUTE"})
+"""Types of words that may have numbers in parentheses, which are one token, right behind them."""
+
+MOST_LITERALS = 32
+"""Most numbers in one token; longer lists come as one token for each number and sign."""
+
+_NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+# What is too large for a number, and told as such, is none of these.
+_LITERAL = r"[ \t]*-?(?:[0-9]{1,99}(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?[ \t]*"
+_IN_LITERALS = re.compile(rf"[(),-]|{_NUMBER}")
+
 _PATTERN = re.compile(
     r"""
     (?P<NEWLINE>\n)
@@ -125,8 +155,8 @@ _PATTERN = re.compile(
     | (?P<OPEN_COMMENT>/\*)
     | (?P<WORD>"""
     + WORD
-    + r""")
-    | (?P<NUMBER>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
+    + rf""")(?P<LITERALS>\({_LITERAL}(?:,{_LITERAL}){{0,{MOST_LITERALS - 1}}}\))?
+    | (?P<NUMBER>{_NUMBER})
     | (?P<STRING>"[^"\n]*")
     | (?P<OPEN_STRING>"[^"\n]*)
     | (?P<SYMBOL>"""
@@ -167,7 +197,7 @@ def words() -> dict[str, tuple[str, str]]:
 
 
 MAX_TOKENS = 600_000
-"""Most tokens of a file; their syntax takes seconds, and half a gigabyte."""
+"""Most tokens of a file, `Token.size` added up; their syntax takes seconds, and half a gigabyte."""
 
 WORD_TYPES = frozenset({"NAME", *(kind for kind, _ in words().values())})
 """Types that a word can have."""
@@ -185,6 +215,7 @@ def tokenize(source: Source) -> tuple[list[Token], list[Diagnostic]]:
     tokens: list[Token] = []
     problems: list[Diagnostic] = []
     reserved = words()
+    room = MAX_TOKENS
     line = 1
     line_of_last = 0
     after = 0  # end of the last token
@@ -196,9 +227,19 @@ def tokenize(source: Source) -> tuple[list[Token], list[Diagnostic]]:
         if kind == "NEWLINE":
             line += 1
             continue
-        start, end = match.span()
-        text = match.group()
+        start, end = match.span(match.lastgroup)  # type: ignore[arg-type]  # there is one
+        text = source.text[start:end]
+        literals = None
+        if kind == "LITERALS":
+            literals = Token(kind, text, source, start, end, line)
+            kind = "WORD"
+            start, end = match.span(kind)
+            text = source.text[start:end]
         if start < after:  # the tail of a bad number
+            if literals is not None and end == after:
+                room -= literals.size
+                tokens += unfold(literals)
+                after = literals.end
             continue
         if kind == "WORD":
             text = normal(text)
@@ -240,12 +281,34 @@ def tokenize(source: Source) -> tuple[list[Token], list[Diagnostic]]:
         line_of_last = line
         after = end
         tokens.append(token)
-        if len(tokens) > MAX_TOKENS:
+        room -= 1
+        if literals is not None:
+            room -= literals.size
+            tokens += (literals,) if kind in TAKES_LITERALS else unfold(literals)
+            after = literals.end
+        if room < 0:
             told = f"`{source.name}` has more than {MAX_TOKENS:,} words, numbers and signs"
             span = SourceSpan(source, start, end)
             hint = "let modules repeat what is alike"
             return [], [diagnose("file-too-large", told, span, hint=hint)]
     return tokens, problems
+
+
+def unfold(token: Token) -> list[Token]:
+    """Return numbers in parentheses, which are one token, as a token for each number and sign."""
+    if token.origin is not None:
+        return [part.copy_to(token, token.places) for part in unfold(token.origin)]
+    tokens: list[Token] = []
+    after = token.start
+    for match in _IN_LITERALS.finditer(token.text):
+        text = match.group()
+        kind, text = _SYMBOLS.get(text, ("NUMBER", text))
+        start = token.start + match.start()
+        part = Token(kind, text, token.source, start, start + len(text), token.line)
+        part.gap = start > after
+        after = part.end
+        tokens.append(part)
+    return tokens
 
 
 def _stray(source: Source, start: int, end: int) -> Diagnostic:

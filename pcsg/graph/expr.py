@@ -212,14 +212,29 @@ def postorder(root: T, successors: Callable[[T], Sequence[T]]) -> Iterator[T]:
             yield item
 
 
+def applications(exprs: Iterable[Expr]) -> Iterator[Apply]:
+    """Yield every application in expressions, arguments first; most are numbers and have none."""
+    roots: list[Expr] = [x for x in exprs if isinstance(x, Apply)]
+    for root in roots:
+        for expr in postorder(root, operands):
+            if isinstance(expr, Apply):
+                yield expr
+
+
 def parameters_of(*exprs: Expr) -> set[str]:
     """Return the names of all parameters that expressions read."""
-    return {e.name for x in exprs for e in postorder(x, operands) if isinstance(e, Parameter)}
+    return {
+        e.name
+        for x in exprs
+        if not isinstance(x, Number)
+        for e in postorder(x, operands)
+        if isinstance(e, Parameter)
+    }
 
 
 def functions_of(*exprs: Expr) -> set[str]:
     """Return the names of all functions that expressions call."""
-    return {e.function for x in exprs for e in postorder(x, operands) if isinstance(e, Apply)}
+    return {e.function for e in applications(exprs)}
 
 
 def asks_world(*exprs: Expr) -> bool:

@@ -50,6 +50,8 @@ def check_parameters(graph: Graph, ignore: Collection[str] = ()) -> list[Diagnos
         Names that are not reported.
     """
     read = {e.name for node in graph.nodes for e in _parameters_of(node)}
+    if read <= GLOBALS.keys() | set(ignore):
+        return []
     bit = {name: 1 << k for k, name in enumerate(sorted(read))}
     known = sum(bit[name] for name in GLOBALS if name in bit)
     assigned = _assigned_before(graph, bit, known)
@@ -68,7 +70,8 @@ def check_parameters(graph: Graph, ignore: Collection[str] = ()) -> list[Diagnos
 
 def _parameters_of(node: Node) -> Iterator[Parameter]:
     for root in expressions(node):
-        yield from _parameters_in(root)
+        if not isinstance(root, Number):
+            yield from _parameters_in(root)
 
 
 def _parameters_in(root: Expr) -> Iterator[Parameter]:

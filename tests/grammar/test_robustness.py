@@ -25,6 +25,7 @@ TERMINALS = r"""
 NAME: /[a-dST] /
 NUMBER: /[0-9]{1,2}(\.[0-9])? /
 STRING: /"[a-z]{0,3}"/
+LITERALS: "(1)" | "(-2, .5)" | "(1,2,3)"
 CONSTANT: "pi " | "e " | "true "
 ELSE: "else "
 TRANSFORM: "move " | "weight " | "uscale " | "rotz "
