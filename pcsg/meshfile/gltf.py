@@ -25,7 +25,7 @@ _MOST_EMPTY = 2**20
 """Values of an accessor without data; more are no use, and a few bytes could ask for any number."""
 
 
-_MOST_VALUES = 2**24
+_MOST_VALUES = 2**22
 """Numbers that accessors of a small file may have together, since they may overlap."""
 
 
