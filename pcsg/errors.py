@@ -15,6 +15,7 @@ wrong, what was expected, and the likely repair.
 from __future__ import annotations
 
 import difflib
+import re
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -42,7 +43,7 @@ class Source:
     @cached_property
     def line_starts(self) -> tuple[int, ...]:
         """Offsets of the first character of every line."""
-        return (0, *(i + 1 for i, c in enumerate(self.text) if c == "\n"))
+        return (0, *(match.end() for match in re.finditer("\n", self.text)))
 
     def locate(self, offset: int) -> tuple[int, int]:
         """Return line and column of an offset, both counted from 1."""
@@ -323,9 +324,15 @@ SYNONYMS = {
 """What other programs call what a word of ours means."""
 
 
+MOST_COMPARED = 1000
+"""Of more candidates only those with the same first letter are compared, and no more of them."""
+
+
 def suggest(word: str, candidates: Iterable[str]) -> str | None:
     """Return ``did you mean `x`?`` for what other programs call so, or the nearest candidate."""
     known = list(candidates)
+    if len(known) > MOST_COMPARED:
+        known = [k for k in known if k[:1] == word[:1]][:MOST_COMPARED]
     ours = SYNONYMS.get(word.lower())
     if ours in known:
         return f"did you mean `{ours}`?"

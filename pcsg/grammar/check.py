@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from pcsg.catalogue import diagnose
@@ -167,10 +167,9 @@ def check_field(part: Part, names: Names, fields: set[str]) -> list[Diagnostic]:
     if isinstance(part, (syntax.Use, syntax.Primitive)):
         count = FIELD_PRIMITIVES.get(part.name)
         if count is None:
-            known = [*FIELD_PRIMITIVES, *names.modules, *names.definitions]
             message = f"`{part.name}` is not a field"
             expected = "one of " + ", ".join(f"`{n}`" for n in FIELD_PRIMITIVES)
-            hint = suggest(part.name, known)
+            hint = names.suggest(part.name, FIELD_PRIMITIVES, names.modules, names.definitions)
             return [diagnose("not-a-field", message, part.span, expected=expected, hint=hint)]
         values = part.arguments.values if part.arguments else ()
         return check_numbers(values) + _check_count(part.name, len(values), count, count, part.span)
@@ -236,16 +235,16 @@ def _check_count(
     return [diagnose("wrong-arguments", message, span, expected=usage, hint=hint)]
 
 
-def _setting_names(names: Names) -> dict[str, set[str]]:
-    found: dict[str, set[str]] = {kind: set() for kind, s in SETTINGS.items() if s.named}
+def _setting_names(names: Names) -> dict[str, dict[str, None]]:
+    found: dict[str, dict[str, None]] = {kind: {} for kind, s in SETTINGS.items() if s.named}
     for item in names.settings:
         if item.name and item.kind.text in found:
-            found[item.kind.text].add(item.name.text)
+            found[item.kind.text][item.name.text] = None
     return found
 
 
 def _check_part(
-    part: Part, names: Names, setting_names: Mapping[str, set[str]]
+    part: Part, names: Names, setting_names: Mapping[str, Collection[str]]
 ) -> list[Diagnostic]:
     if isinstance(part, syntax.Block):
         return check_numbers(expr for _, expr in part.assignments)
@@ -349,8 +348,7 @@ def _check_use(use: syntax.Use, names: Names) -> list[Diagnostic]:
 
 def _unknown_name(use: syntax.Use, names: Names) -> Diagnostic:
     """Return the diagnostic of a name that nothing has; capitals are for modules."""
-    known = [*names.modules, *names.definitions, *LEAF_NAMES]
-    hint = suggest(use.name, known)
+    hint = names.suggest(use.name, names.modules, names.definitions, LEAF_NAMES)
     if use.name[:1].isupper():
         hint = hint or f"add rules: `1: {use.name} -> ...`"
         return diagnose("unknown-module", f"unknown module `{use.name}`", use.span, hint=hint)
@@ -377,7 +375,7 @@ def _check_transformation(part: syntax.Unary) -> list[Diagnostic]:
 
 
 def _check_attribute(
-    part: syntax.Unary, names: Names, setting_names: Mapping[str, set[str]]
+    part: syntax.Unary, names: Names, setting_names: Mapping[str, Collection[str]]
 ) -> list[Diagnostic]:
     kind = ATTRIBUTES[part.name]
     values = part.arguments.values
@@ -394,17 +392,17 @@ def _check_attribute(
         expected = f"the name of a {kind.refers_to}"
         return [*problems, diagnose("bad-value", "this is not a name", span, expected=expected)]
     known = setting_names[kind.refers_to]
-    broken = any(b.kind == "setting" for b in names.broken)
-    if reference.name not in known and not broken:
-        problems.append(unknown_reference(kind.refers_to, reference.name, reference.span, known))
+    if reference.name not in known and "setting" not in names.broken_kinds:
+        problem = unknown_reference(kind.refers_to, reference.name, reference.span, known, names)
+        problems.append(problem)
     return problems
 
 
 def unknown_reference(
-    kind: str, name: str, span: SourceSpan | None, known: Iterable[str]
+    kind: str, name: str, span: SourceSpan | None, known: Iterable[str], names: Names
 ) -> Diagnostic:
     """Return the diagnostic of the name of a material or texture that is not there."""
-    hint = suggest(name, known) or f"add `{kind} {name} {{ ... }}`"
+    hint = names.suggest(name, known) or f"add `{kind} {name} {{ ... }}`"
     return diagnose(f"unknown-{kind}", f"unknown {kind} `{name}`", span, hint=hint)
 
 

@@ -9,7 +9,7 @@ its leaf.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -68,10 +68,13 @@ STEPS = 2_000_000
 
 def field_names(names: Names) -> set[str]:
     """Return the modules and definitions that blobs use, directly or through others."""
+    return _used_by([blob for body in _bodies(names) for blob in _blobs_in(body)], names)
+
+
+def _used_by(solids: Iterable[Solid], names: Names) -> set[str]:
+    """Return the modules and definitions that expressions use, directly or through others."""
     found: set[str] = set()
-    todo: list[Solid] = []
-    for body in _bodies(names):
-        todo += _blobs_in(body)
+    todo = list(solids)
     while todo:
         for part in syntax.inner(todo.pop()):
             if isinstance(part, syntax.Use) and part.name not in found:
@@ -205,7 +208,7 @@ class GrammarBlob(BlobSource):
     def __init__(
         self, names: Names, solid: Solid, materials: Mapping[str, Mapping[str, int]]
     ) -> None:
-        fields = field_names(names)
+        fields = _used_by([solid], names)
         super().__init__(numbers_read(names, solid, fields))
         self._names = names
         self._solid = solid

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import chain
 
 from pcsg.catalogue import diagnose
-from pcsg.errors import Diagnostic, SourceSpan, UsageError
+from pcsg.errors import Diagnostic, SourceSpan, UsageError, suggest
 from pcsg.grammar import syntax
 from pcsg.grammar.reach import Reach
 from pcsg.grammar.syntax import Name, Rule, Solid
 from pcsg.leaf.registry import Constant
+
+MOST_SUGGESTIONS = 200
+"""Most unknown names that are compared with all names of the files."""
 
 
 @dataclass
@@ -54,6 +59,8 @@ class Names:
         Where the files that they name may lie.
     constants
         What texts among arguments stand for, by primitive, folder and text; or why they do not.
+    suggestions
+        How many unknown names were compared with all that there are.
     """
 
     reach: Reach
@@ -64,6 +71,20 @@ class Names:
     settings: list[syntax.SettingItem] = field(default_factory=list)
     broken: list[syntax.Broken] = field(default_factory=list)
     constants: dict[tuple[str, str, str], Constant | UsageError] = field(default_factory=dict)
+
+    suggestions: int = 0
+
+    def suggest(self, word: str, *candidates: Iterable[str]) -> str | None:
+        """Return what `suggest` does, for the first 200 mistakes; a hundred are told."""
+        self.suggestions += 1
+        if self.suggestions > MOST_SUGGESTIONS:
+            return None
+        return suggest(word, chain(*candidates))
+
+    @cached_property
+    def broken_kinds(self) -> set[str]:
+        """The kinds of items that are broken."""
+        return {item.kind for item in self.broken}
 
     @property
     def assigned_in_broken(self) -> set[str]:

@@ -22,7 +22,7 @@ def build_settings(names: Names) -> tuple[list[Setting], list[Diagnostic]]:
     problems: list[Diagnostic] = []
     first: dict[tuple[str, str | None], SettingItem] = {}
     named = {
-        kind: {i.name.text for i in names.settings if i.kind.text == kind and i.name}
+        kind: dict.fromkeys(i.name.text for i in names.settings if i.kind.text == kind and i.name)
         for kind in SETTINGS
     }
     for item in names.settings:
@@ -36,7 +36,7 @@ def build_settings(names: Names) -> tuple[list[Setting], list[Diagnostic]]:
             )
             continue
         problems += _check_head(item, kind, first)
-        values = _build_values(item, kind, named, names.reach, problems)
+        values = _build_values(item, kind, named, names, problems)
         name = item.name.text if item.name else None
         settings.append(Setting(kind, name, values, item.span))
     return settings, problems
@@ -64,8 +64,8 @@ def _check_head(
 def _build_values(
     item: SettingItem,
     kind: SettingKind,
-    named: Mapping[str, set[str]],
-    reach: Reach,
+    named: Mapping[str, Collection[str]],
+    names: Names,
     problems: list[Diagnostic],
 ) -> dict[str, tuple[Expr, ...] | str]:
     values: dict[str, tuple[Expr, ...] | str] = {}
@@ -88,12 +88,12 @@ def _build_values(
         first[name.text] = name
         if key.default is None and _is_auto(value, named.get(key.refers_to or "", ())):
             continue
-        built = _build_value(key, value, reach, problems)
+        built = _build_value(key, value, names.reach, problems)
         if built is None:
             continue
         if key.refers_to and isinstance(built, str) and built not in named[key.refers_to]:
             problems.append(
-                unknown_reference(key.refers_to, built, value.span, named[key.refers_to])
+                unknown_reference(key.refers_to, built, value.span, named[key.refers_to], names)
             )
         values[name.text] = built
     return values

@@ -12,6 +12,9 @@ from pcsg.graph.nodes import Calculation, Leaf, Node, Operation, Selection
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.graph.termination import check_termination
 
+MOST_SUGGESTIONS = 200
+"""Most unknown parameters that are compared with all that there are."""
+
 
 def check_graph(graph: Graph) -> list[Diagnostic]:
     """Return everything that is wrong with a graph before any ray walks it."""
@@ -62,10 +65,26 @@ def check_parameters(graph: Graph, ignore: Collection[str] = ()) -> list[Diagnos
             if not have & bit[parameter.name] and parameter.name not in ignore:
                 first.setdefault(parameter.name, (node, parameter))
                 count[parameter.name] = count.get(parameter.name, 0) + 1
-    return [
-        _never_assigned(graph, node, parameter, count[name])
-        for name, (node, parameter) in first.items()
-    ]
+    elsewhere = set(graph.parameters)
+    block = graph.axiom_block
+    in_axiom = {name for name, _ in block.assignments} if block else set()
+    problems: list[Diagnostic] = []
+    for k, (name, (node, parameter)) in enumerate(first.items()):
+        message = f"parameter `{name}` is never assigned"
+        hint = f"assign it in the axiom: `{{{name} = ...}}`"
+        if name in elsewhere:
+            message += " on the way here"
+            if name in in_axiom:
+                hint = (
+                    "a block reaches only the solid behind it; brackets make several one:"
+                    f" `{{{name} = ...}} ( ... | ... )`"
+                )
+        elif k < MOST_SUGGESTIONS:
+            hint = suggest(name, [*graph.parameters, *GLOBALS]) or hint
+        message += f" (read at {count[name]} places)" if count[name] > 1 else ""
+        place = parameter.span or node.span
+        problems.append(diagnose("parameter-never-assigned", message, place, hint=hint))
+    return problems
 
 
 def _parameters_of(node: Node) -> Iterator[Parameter]:
@@ -116,49 +135,28 @@ def _assigned_before(graph: Graph, bit: dict[str, int], known: int) -> list[int]
     return assigned
 
 
-def _never_assigned(graph: Graph, node: Node, parameter: Parameter, count: int) -> Diagnostic:
-    name = parameter.name
-    places = f" (read at {count} places)" if count > 1 else ""
-    elsewhere = name in graph.parameters
-    hint = suggest(name, [p for p in [*graph.parameters, *GLOBALS] if p != name])
-    if elsewhere:
-        message = f"parameter `{name}` is never assigned on the way here{places}"
-        hint = f"assign it in the axiom: `{{{name} = ...}}`"
-        block = graph.axiom_block
-        if block is not None and name in dict(block.assignments):
-            hint = (
-                "a block reaches only the solid behind it; brackets make several one:"
-                f" `{{{name} = ...}} ( ... | ... )`"
-            )
-    else:
-        message = f"parameter `{name}` is never assigned{places}"
-        hint = hint or f"assign it in the axiom: `{{{name} = ...}}`"
-    return diagnose(
-        "parameter-never-assigned",
-        message,
-        parameter.span or node.span,
-        hint=hint,
-    )
-
-
 def check_setting_parameters(graph: Graph) -> list[Diagnostic]:
     """Report parameters that settings read but the axiom's leading block does not assign."""
     block = graph.axiom_block
-    known = [*GLOBALS, *(name for name, _ in (block.assignments if block else ()))]
-    return [
-        diagnose(
-            "parameter-never-assigned",
-            f"the axiom's first block does not assign `{parameter.name}`",
-            parameter.span or setting.span,
-            expected="a number, or an expression over the axiom's parameters",
-            hint=suggest(parameter.name, known),
-        )
-        for setting in graph.settings
-        for value in setting.values.values()
-        for root in (() if isinstance(value, str) else value)
-        for parameter in _parameters_in(root)
-        if parameter.name not in known
-    ]
+    known = dict.fromkeys([*GLOBALS, *(name for name, _ in (block.assignments if block else ()))])
+    problems: list[Diagnostic] = []
+    for setting in graph.settings:
+        for value in setting.values.values():
+            for root in () if isinstance(value, str) else value:
+                for parameter in _parameters_in(root):
+                    if parameter.name in known:
+                        continue
+                    compared = known if len(problems) < MOST_SUGGESTIONS else ()
+                    problems.append(
+                        diagnose(
+                            "parameter-never-assigned",
+                            f"the axiom's first block does not assign `{parameter.name}`",
+                            parameter.span or setting.span,
+                            expected="a number, or an expression over the axiom's parameters",
+                            hint=suggest(parameter.name, compared),
+                        )
+                    )
+    return problems
 
 
 def check_sheets(graph: Graph) -> list[Diagnostic]:

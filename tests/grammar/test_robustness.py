@@ -164,6 +164,13 @@ LONG = 8_000_000
         "S\n" + "".join(f"{k}: S -> box\n" for k in range(1, 1_000_001)),
         "/**/" * (LONG // 4),
         "{" + ";".join(f"p{k}={k}" for k in range(N // 2)) + "} sphere",
+        "|".join(f"ball{k}" for k in range(6000)) + "".join(f"\nbal{k} = box" for k in range(6000)),
+        "".join(f"material(m{k}) box|" for k in range(8000))
+        + "box"
+        + "".join(f"\nmaterial n{k} {{ }}" for k in range(8000)),
+        "|".join(f"blob {{ move({k},0,0) point(1) }}" for k in range(6000)),
+        "|".join(f"move(q{k},0,0) box" for k in range(4000))
+        + "".join(f"|{{p{k}=1}} box" for k in range(40_000)),
     ],
     ids=lambda text: text[:12].strip(),
 )
