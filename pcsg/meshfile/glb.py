@@ -38,6 +38,8 @@ _PASSED_OVER = (
 _COMPRESSION = "KHR_draco_mesh_compression"
 MOST_PLACED = 1_000_000
 """Triangles that the nodes of a small file may place."""
+MOST_PRIMITIVES = 20_000
+"""Primitives of a file: every one takes some ten kilobytes while it is read."""
 
 
 def read_glb(name: str, data: bytes) -> Mesh:
@@ -187,6 +189,8 @@ class _Reader:
             if key not in self.kept:
                 if not isinstance(primitive, dict):
                     document.fail(place, "it is not an object")
+                if len(self.kept) == MOST_PRIMITIVES:
+                    document.fail(place, f"more than {MOST_PRIMITIVES:,} primitives; join them")
                 self.kept[key] = self._part(place, primitive, weights)
             part = self.kept[key]
             if part is None:

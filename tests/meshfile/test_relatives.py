@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import struct
 from pathlib import Path
 from typing import Any
@@ -514,3 +515,15 @@ def test_glb_chains_of_nodes_may_be_long(tmp_path: Path) -> None:
     data = glb_bytes(CORNERS, FOUR, [*nodes, {"mesh": 0}])
     (tmp_path / "long.glb").write_bytes(data)
     assert is_tetrahedron(data, "glb")
+
+
+def test_a_glb_has_a_bounded_number_of_primitives(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pcsg.meshfile.glb.MOST_PRIMITIVES", 3)
+    data = glb_bytes(CORNERS, FOUR)
+    size = struct.unpack_from("<I", data, 12)[0]
+    document, binary = json.loads(data[20 : 20 + size]), data[28 + size :]
+    document["meshes"][0]["primitives"] *= 3
+    assert len(read(pack_glb(document, binary), "glb").triangles) == 12
+    document["meshes"][0]["primitives"] *= 2
+    with pytest.raises(MeshFileError, match="more than 3 primitives; join them"):
+        read(pack_glb(document, binary), "glb")
