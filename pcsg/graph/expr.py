@@ -251,6 +251,8 @@ def signature(expr: Expr) -> tuple[object, ...]:
 
     The negative of a constant is the negative constant: text cannot tell them apart.
     """
+    if isinstance(expr, Number) and isinstance(expr.value, float):  # most are
+        return (("n", expr.value.hex()),)
     out: list[object] = []
     for e in postorder(expr, operands):
         if isinstance(e, Number):

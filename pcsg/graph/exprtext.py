@@ -44,6 +44,8 @@ def expr_text(expr: Expr) -> str:
     UsageError
         A constant is infinite or NaN.
     """
+    if isinstance(expr, Number):  # most are
+        return number_text(expr.value)
     out: list[str] = []
     work: list[str | tuple[Expr, int]] = [(expr, 0)]
     while work:

@@ -329,6 +329,8 @@ def _as_truth(a: Interval) -> Interval:
 
 def evaluate(expr: Expr, values: Mapping[str, Interval]) -> Interval:
     """Return the interval of an expression; parameters without a value may be anything."""
+    if isinstance(expr, Number):  # most are
+        return expr.value, expr.value
     stack: list[Interval] = []
     for e in postorder(expr, operands):
         if isinstance(e, Number):

@@ -114,6 +114,8 @@ class Liveness:
         return mask
 
     def _expr_reads(self, expr: Expr) -> int:
+        if isinstance(expr, Number):
+            return 0
         key = id(expr)  # the graph keeps its expressions alive
         if key not in self._reads:
             self._reads[key] = self._mask(reads(expr))
