@@ -88,6 +88,8 @@ def reading(text: str) -> object:
 @example("{} move(1,2) box | color(1) box | cone(1,2,3) | spere(1) | mvoe(1,2,3) box")
 @example("#define W move(1,-2,3) cone(.5)\n{} W | move(1,-2) W")
 @example("#define Q and\n{a = 1 Q(1)} box")
+@example("#define K x(1)\n{} K(2) box")
+@example("#define K x(1)\n{} K(2)")
 @example("#define Q move\n#define R Q(1,2)\n{} R box")
 @example("{} move(1,2,3)(4)")
 @example("2x(1,2) box")
