@@ -243,6 +243,7 @@ class Scene:
                 walker=self._make_walker,
                 threads=self._threads,
                 block_memory=memory,
+                box=self.boxes.boxes[self.graph.number[self.graph.root]],
             )
         if self.engine == "states":
             return StatesTracer(self.graph, self.states, self._make_walker, self._threads)

@@ -153,7 +153,7 @@ class Judge:
         then A - A keeps it: of A a group takes what is exactly at t, of B what is within eps.
         """
         found = self.tracer.spans([ray[0]], [ray[1]])
-        width = 4.0 * oracle.tolerance(t)
+        width = 4.0 * oracle.tolerance(t, oracle.precision(*ray))
         return any(
             a - width <= t <= b + width and a < b <= a + width
             for a, b in zip(found.t_in, found.t_out, strict=True)

@@ -682,9 +682,32 @@ class Event:
         return self._slots(("@label",), (-1.0,))[0]
 
 
-def tolerance(t: float) -> float:
+UNIT = (1e-10, 1e-10)
+"""Precision of a ray whose origin and direction have the same size."""
+
+
+def precision(
+    origin: Sequence[float],
+    direction: Sequence[float],
+    anchor: Sequence[float] = (0.0, 0.0, 0.0),
+    size: float = INF,
+) -> tuple[float, float]:
+    """Return the least tolerance along a ray, and what it is per t.
+
+    The anchor is the scene's point nearest to the world's origin, `size` how far the scene reaches
+    from there.
+    """
+    away = max(abs(o - a) for o, a in zip(origin, anchor, strict=True))
+    speed = max(map(abs, direction))
+    if 0.0 < size < INF and away > 1000.0 * size:
+        return max(1e-10 * (1000.0 * size), 1e-14 * away) / speed, 1e-14
+    return 1e-10 * away / speed, 1e-10
+
+
+def tolerance(t: float, of_ray: tuple[float, float] = UNIT) -> float:
     """Return how far apart ends may be and still coincide."""
-    return 0.0 if math.isinf(t) else 1e-10 * max(1.0, abs(t))
+    least, slope = of_ray
+    return 0.0 if math.isinf(t) else max(least, slope * abs(t))
 
 
 _TRUTH: dict[str, Callable[[bool, bool], bool]] = {
@@ -704,7 +727,12 @@ _SHEET_STAYS: dict[tuple[str, int], Callable[[bool, bool], bool]] = {
 }
 
 
-def combine(operator: str, a: Sequence[Event], b: Sequence[Event]) -> list[Event]:
+def combine(
+    operator: str,
+    a: Sequence[Event],
+    b: Sequence[Event],
+    of_ray: tuple[float, float] = UNIT,
+) -> list[Event]:
     """Combine two lists as "Combining two lists" of docs/solids.md tells."""
     if operator == "difference":
         b = [
@@ -718,11 +746,11 @@ def combine(operator: str, a: Sequence[Event], b: Sequence[Event]) -> list[Event
     while rest_a or rest_b:
         ta = rest_a[0].t if rest_a else INF
         tb = rest_b[0].t if rest_b else INF
-        if tb < ta - tolerance(ta):
+        if tb < ta - tolerance(ta, of_ray):
             t = reach = tb
             group_a: list[Event] = []
         else:
-            t, reach = ta, ta + tolerance(ta)
+            t, reach = ta, ta + tolerance(ta, of_ray)
             group_a = [e for e in rest_a if e.t == ta]
         group_b = [e for e in rest_b if e.t <= reach]
         rest_a, rest_b = rest_a[len(group_a) :], rest_b[len(group_b) :]
@@ -876,6 +904,10 @@ def _world_normal(turns: Sequence[Rows], n: Vector) -> Vector:
 
 
 class _Events(_Walk):
+    def __init__(self, graph: Graph, depth_limit: int, of_ray: tuple[float, float]) -> None:
+        super().__init__(graph, depth_limit)
+        self.of_ray = of_ray
+
     def leaf(self, node: Leaf, args: list[float], place: Place) -> list[Event]:
         name, o, d = node.solid.name, place.origin, place.direction
 
@@ -899,6 +931,8 @@ class _Events(_Walk):
             found = pieces(name, args, o, d)
         events = []
         for t0, n0, t1, n1 in found:
+            if math.isfinite(t0) and t1 - t0 <= 4e-15 * abs(t0):
+                continue
             events += [event(t0, "enter", n0), event(t1, "leave", n1)]
         return events
 
@@ -906,7 +940,7 @@ class _Events(_Walk):
         return []
 
     def both(self, operator: str, a: list[Event], b: list[Event]) -> list[Event]:
-        return combine(operator, a, b)
+        return combine(operator, a, b, self.of_ray)
 
 
 class _Contains(_Walk):
@@ -975,10 +1009,13 @@ def events(
     parameters: Mapping[str, float] | None = None,
     globals: Mapping[str, float] | None = None,
     depth_limit: int = 10_000,
+    anchor: Sequence[float] = (0.0, 0.0, 0.0),
+    size: float = INF,
 ) -> list[Event]:
-    """Return all events of the whole line."""
+    """Return all events of the whole line; `anchor` and `size` as for `precision`."""
     place = _start(origin, direction, parameters, globals)
-    return _Events(graph, depth_limit).visit(graph.root, place)  # type: ignore[no-any-return]
+    of_ray = precision(origin, direction, anchor, size)
+    return _Events(graph, depth_limit, of_ray).visit(graph.root, place)  # type: ignore[no-any-return]
 
 
 def first(

@@ -254,16 +254,20 @@ def test_two_unbounded_lists() -> None:
     assert told(combine("difference", a, b)) == [(3.0, "enter", 2), (4.0, "leave", 2)]
 
 
-def test_tolerance_is_relative_above_one_and_just_that_large() -> None:
+@pytest.mark.parametrize("k", [-60, 0, 20])
+def test_tolerance_follows_the_ray_and_is_just_that_large(k: int) -> None:
+    origin, direction = (3.0, 4.0 * 2.0**k, 0.0), (0.0, 1.0, -4.0)
+    of_ray = oracle.precision(origin, direction)
+    assert of_ray == (1e-10 * max(origin) / 4.0, 1e-10)
     for t in (0.0, 1.0, -1.0, 5.0, 1e6):
-        size = max(1.0, abs(t)) * 1e-10
+        size = max(max(origin) / 4.0, abs(t)) * 1e-10
         for factor, merged in ((0.9, True), (1.1, False)):
             for sign in (1.0, -1.0):
                 a, b = crossings(1, t - 10.0, t), crossings(2, t + sign * factor * size, t + 10.0)
-                pieces = len(combine("union", a, b)) // 2
+                pieces = len(combine("union", a, b, of_ray)) // 2
                 overlapping = sign < 0.0
                 assert pieces == (1 if merged or overlapping else 2)
-                common = len(combine("intersection", a, b)) // 2
+                common = len(combine("intersection", a, b, of_ray)) // 2
                 assert common == (1 if overlapping and not merged else 0)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pcsg.jit import njit
 from pcsg.leaf.registry import ANY, FIRST, Pool
 from pcsg.trace.merge import SHEET
+from pcsg.trace.precision import Extent
 from pcsg.trace.surface import LABEL, Surface, describe_hit, whole_label
 from pcsg.trace.tables import Tables
 from pcsg.trace.walk import LIST, MEMBERSHIP, SHRINK, walk
@@ -165,6 +166,7 @@ def trace_batch(
     tables: Tables,
     pool: Pool,
     scratch: Scratch,
+    extent: Extent,
     asked: int,
     origins: NDArray[np.float64],
     directions: NDArray[np.float64],
@@ -183,6 +185,8 @@ def trace_batch(
 
     Parameters
     ----------
+    extent
+        Where the scene is.
     asked
         SURFACES: first crossings, into `surface`. OCCLUSION: whether there is one, into `flags`.
         CONTAINS: whether the origins are inside, into `flags`. INTERVALS: all of them on
@@ -212,7 +216,7 @@ def trace_batch(
         way = first_way
         status, n = OK, -1
         while status == OK and n < 0:
-            status, n = walk(tables, pool, scratch, way, want, ray)
+            status, n = walk(tables, pool, scratch, extent, way, want, ray)
             if n < 0:
                 way += LIST - SHRINK
             elif way == LIST and asked <= OCCLUSION:

@@ -210,7 +210,7 @@ class _Builder:
         numbers = [
             self._emit_reference(cut.reference, box) for cut, box in zip(cuts, boxes, strict=True)
         ]
-        pad = 1e-9 * np.maximum(np.abs(np.where(np.isfinite(boxes), boxes, 0.0)).max(axis=1), 1e-3)
+        pad = 1e-9 * np.abs(np.where(np.isfinite(boxes), boxes, 0.0)).max(axis=1)
         boxes[:, :3] -= pad[:, None]
         boxes[:, 3:] += pad[:, None]
         return self._build_tree(boxes, numbers)
@@ -414,8 +414,9 @@ class _Builder:
         return [has[OPERATION, k] for k in range(len(groups.operations))]
 
 
-_FARTHEST = 1e20
-"""A box that reaches farther has no end, so that single precision does not overflow."""
+_FARTHEST, _LEAST_SINGLE = 1e22, 1e-37
+"""A box that reaches farther has no end, so that single precision does not overflow; below the
+other number it has fewer digits."""
 
 
 def _round_outwards(planes: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -426,6 +427,8 @@ def _round_outwards(planes: NDArray[np.float64]) -> NDArray[np.float32]:
     """
     with np.errstate(invalid="ignore"):
         room = np.abs(planes) * SINGLE
+        # Where single precision runs out of digits, its errors are no longer relative.
+        room[(np.abs(planes) < _LEAST_SINGLE) & (planes != 0.0)] += 1e-44
         lower, upper = planes[:3] - room[:3], planes[3:] + room[3:]
     # Boxes of nothing, from infinity to minus infinity, stay what they are.
     lower = np.where(planes[:3] == np.inf, np.inf, np.where(lower < -_FARTHEST, -np.inf, lower))

@@ -90,7 +90,7 @@ def evaluate_sides(
 @njit
 def pad_box(box: NDArray[np.float64]) -> None:
     """Grow a box outwards for rounding."""
-    largest = 1e-3
+    largest = 0.0
     for i in range(6):
         if abs(box[i]) < math.inf:
             largest = max(largest, abs(box[i]))

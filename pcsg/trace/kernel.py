@@ -31,8 +31,8 @@ from pcsg.trace.ends import (
     squared_size,
 )
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
-from pcsg.trace.merge import tolerance
 from pcsg.trace.owner import find_owner
+from pcsg.trace.precision import Extent, is_far, is_touch, load_precision, tolerance
 from pcsg.trace.question import ask, meets_subtracted
 from pcsg.trace.simd import WIDTH, stay_apart
 from pcsg.trace.traversal import (
@@ -43,6 +43,7 @@ from pcsg.trace.traversal import (
     MISS,
     NONE,
     PATH,
+    PRECISION,
     STACK,
     UNDECIDED,
     Scratch,
@@ -66,21 +67,6 @@ from pcsg.trace.traversal import (
 from pcsg.vec import Ray, Vec3, determinant, load_affine, transform_ray
 
 _DIFFERENCE = DIFFERENCE.kind
-
-
-class Extent(NamedTuple):
-    """Where the boxes of a scene are.
-
-    Attributes
-    ----------
-    middle
-        Of their hull.
-    reach
-        Rays whose origin is farther away begin near the middle.
-    """
-
-    middle: Vec3
-    reach: float
 
 
 class Cut(NamedTuple):
@@ -150,7 +136,7 @@ def find_first(
     width: float,
     spread: float,
 ) -> int:
-    """Find the first crossing of a ray in [tmin, tmax].
+    """Find the first crossing of a ray in [tmin, tmax], whose precision is in the scratch.
 
     Parameters
     ----------
@@ -170,8 +156,9 @@ def find_first(
     entry_t, entry_ref, rays = scratch.entry_t, scratch.entry_ref, scratch.rays
     paths, small, entries = scratch.paths, scratch.small, scratch.entries
     ray = world
-    touch = world.tmin + tolerance(world.tmin)
-    near = world.tmin - 2.0 * tolerance(world.tmin)
+    precision = load_precision(small, PRECISION)
+    touch = world.tmin + tolerance(world.tmin, precision)
+    near = world.tmin - 2.0 * tolerance(world.tmin, precision)
     best = world.tmax
     far = best
     hit = MISS
@@ -183,7 +170,7 @@ def find_first(
     ordered = want != ANY
     entry = near
     about = 0.0
-    if abs(ray.ox) + abs(ray.oy) + abs(ray.oz) > extent.reach:
+    if is_far(ray, extent):
         about = choose_beginning(approach(ray, extent.middle), near)
     store_ray(rays, 0, ray, about)
     slabs = make_slabs(ray, about, scratch.slabs)
@@ -204,7 +191,7 @@ def find_first(
                 present = -1
                 paths[place(at_level)] = index
                 t, drawn = _meet_end(trees, cut, index, ray, at_level, world.tmin, far)
-                e = tolerance(t)
+                e = tolerance(t, precision)
                 if drawn >= 0 and (hit == MISS or t < best - e):
                     hit = HIT
                     best = t
@@ -263,13 +250,13 @@ def find_first(
                 if sheet:
                     if lo < world.tmin:
                         continue
-                elif hi < near or hi <= lo:
+                elif hi < near or is_touch(lo, hi):
                     continue
                 elif lo <= touch:
                     return INSIDE if lo < near and hi > touch else UNDECIDED
                 if lo > world.tmax:
                     break
-                e = tolerance(lo)
+                e = tolerance(lo, precision)
                 if want == ANY:
                     hit = HIT
                 elif (
@@ -284,14 +271,26 @@ def find_first(
                 break
         elif kind == OPERATION:
             answer, t = step_operation(
-                trees, pool, scratch, code, want, entry, top, at_level, touch, near, far, hit, best
+                trees,
+                pool,
+                scratch,
+                code,
+                want,
+                entry,
+                top,
+                at_level,
+                touch,
+                near,
+                far,
+                hit,
+                best,
             )
             # Questions have prepared rays of their own for boxes.
             present = -1
             if answer == HIT:
                 hit = HIT
                 best = t
-                far = min(world.tmax, best + tolerance(best))
+                far = min(world.tmax, best + tolerance(best, precision))
             elif answer != MISS:
                 return answer
         if hit == HIT and want == ANY:
@@ -358,6 +357,7 @@ def step_operation(
     """
     stay_apart()
     paths = scratch.paths
+    precision = load_precision(scratch.small, PRECISION)
     ray = load_ray(scratch.rays, level)
     about = load_beginning(scratch.rays, level)
     entry = choose_beginning(entry, near)
@@ -375,7 +375,7 @@ def step_operation(
         t, unsure = u, tied
         if want != ANY:
             copy_path(paths, PATH * (level + 1), held)
-        probe = min(far, t + 2.0 * tolerance(t)) if probes else far
+        probe = min(far, t + 2.0 * tolerance(t, precision)) if probes else far
         state, u, tied = ask(trees, pool, scratch, code, ray, t, probe, t, top, level)
         if probes and state == 0 and not u < math.inf:
             state, u, tied = ask(trees, pool, scratch, code, ray, t, far, t, top, level)
@@ -391,7 +391,7 @@ def step_operation(
             if before != 0 or behind != 1:
                 return UNDECIDED, best
             copy_path(paths, PATH * (level + 1), held)
-        e = tolerance(t)
+        e = tolerance(t, precision)
         if state == 1 and (
             hit == MISS or t < best - e or (t <= best + e and precedes(paths, held, HIT_PATH))
         ):
@@ -405,22 +405,30 @@ def step_operation(
 
 
 @njit(contract=True)
-def find_exit(trees: Trees, pool: Pool, scratch: Scratch, root: int, want: int, world: Ray) -> int:
+def find_exit(
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    root: int,
+    want: int,
+    world: Ray,
+) -> int:
     """Find where a ray that starts in a solid leaves the union in [tmin, tmax].
 
     Arguments and answers as for `find_first`, without INSIDE; for ANY there is no path.
     """
     stay_apart()
+    precision = load_precision(scratch.small, PRECISION)
     code = wide(root) << 3 | BLOCK
-    t = world.tmin - 2.0 * tolerance(world.tmin)
-    touch = world.tmin + tolerance(world.tmin)
+    t = world.tmin - 2.0 * tolerance(world.tmin, precision)
+    touch = world.tmin + tolerance(world.tmin, precision)
     state, u, _ = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
     if state != 1 or u <= touch:
         return UNDECIDED
     while state == 1 and u <= world.tmax and u < math.inf:
         t = u
         # Mostly nothing else is there, and nobody asks what comes next.
-        probe = min(world.tmax, t + 2.0 * tolerance(t))
+        probe = min(world.tmax, t + 2.0 * tolerance(t, precision))
         state, u, _ = ask(trees, pool, scratch, code, world, t, probe, t, 0, 0)
         if state == 1:
             state, u, _ = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)

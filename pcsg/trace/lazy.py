@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.graph.bounds import hyper_boxes
 from pcsg.graph.code import invert_affine
 from pcsg.graph.graph import GLOBALS
 from pcsg.graph.liveness import successors_first
@@ -41,6 +42,7 @@ from pcsg.trace.hits import Hits
 from pcsg.trace.lazy_batch import find_batch_lazy
 from pcsg.trace.lazy_kernel import STAND_IN, LazyCut, LazyScratch, make_lazy_scratch
 from pcsg.trace.pool import pool_of
+from pcsg.trace.precision import Extent, extent_of
 from pcsg.trace.rays import Rays, check_rays, check_values, run_chunks
 from pcsg.trace.rulebook import (
     E_SIDES,
@@ -78,6 +80,8 @@ class LazyTracer(StatesEngine):
         Most threads of one call; by default one for each processor.
     block_memory
         Bytes of the states that are made beforehand; results do not depend on it.
+    box : float64 (6,), optional
+        The scene's hyper-bounding box; computed if not given.
     """
 
     kernel: Any = find_batch_lazy
@@ -90,12 +94,17 @@ class LazyTracer(StatesEngine):
         walker: Callable[[], Walker],
         threads: int | None = None,
         block_memory: int = BLOCK_MEMORY,
+        box: NDArray[np.float64] | None = None,
     ) -> None:
         models = pool_of(recipes.graph)
         states = enumerate_states(recipes.graph, values, starts=recipes.fixtures)
         blocks, fixtures = build_fixtures(recipes.graph, states, models)
         super().__init__(blocks, models, walker, threads)
         self.recipes = recipes
+        if box is None:
+            graph = recipes.graph
+            box = hyper_boxes(graph, values).boxes[graph.number[graph.root]]
+        self._extent = extent_of(box.reshape(2, 3))
         self.store = build_store(write_rulebook(recipes, fixtures), block_memory)
         self._made: list[Lazy] = []
 
@@ -137,7 +146,7 @@ class LazyTracer(StatesEngine):
     ) -> NDArray[np.int8]:
         check_values(rays)
         ends = self._ends if footprint is not None else None
-        return self._cast(rays, want, out, footprint, ends, 0)
+        return self._cast(rays, want, out, footprint, ends, 0, self._extent)
 
     def _cast(
         self,
@@ -147,6 +156,7 @@ class LazyTracer(StatesEngine):
         footprint: Footprint | None,
         ends: Ends | None,
         start: int,
+        extent: Extent,
     ) -> NDArray[np.int8]:
         """Cast rays from an item on, in the frame of its slot."""
         n = len(rays.origins)
@@ -161,6 +171,7 @@ class LazyTracer(StatesEngine):
                 scratch,
                 self.blocks.attributes,
                 start,
+                extent,
                 want,
                 None if ends is None else LazyCut(ends.cover, ends.of_place, *space),
                 NO_FOOTPRINT if footprint is None else footprint,
@@ -222,6 +233,8 @@ class LazyTracer(StatesEngine):
             return None
         inverse = Affine(*slots.inverses[12 * item : 12 * item + 12])
         forward = np.array(invert_affine(inverse)[0]).reshape(3, 4)
+        ends_of_box = np.array([forward[:, :3] @ box[:3], forward[:, :3] @ box[3:]])
+        extent = extent_of(np.sort(ends_of_box + forward[:, 3], axis=0))
         rows = np.linalg.norm(np.array(inverse).reshape(3, 4)[:, :3], axis=1)
         size = float(np.linalg.norm((box[3:] - box[:3]) / rows))
 
@@ -231,7 +244,7 @@ class LazyTracer(StatesEngine):
             rays = check_rays(origins @ forward[:, :3].T + forward[:, 3], turned, 0.0, math.inf)
             surface = make_surface(n)
             footprint = Footprint(np.full(n, FINENESS * size), np.zeros(n))
-            found = self._cast(rays, FIRST, surface, footprint, ends, item)
+            found = self._cast(rays, FIRST, surface, footprint, ends, item, extent)
             normals = surface.normal @ forward[:, :3]
             length = np.linalg.norm(normals, axis=1)
             normals /= np.where(length > 0.0, length, 1.0)[:, None]

@@ -14,6 +14,7 @@ from pcsg.leaf.registry import Pool
 from pcsg.trace.coverage import Coverage, Footprint, stored_normal
 from pcsg.trace.ends import CUT
 from pcsg.trace.lazy_kernel import LazyCut, LazyScratch, find_first_lazy
+from pcsg.trace.precision import Extent
 from pcsg.trace.rulebook import (
     E_STAND_IN,
     ENTRY_FIELDS,
@@ -203,6 +204,7 @@ def find_batch_lazy(
     scratch: LazyScratch,
     attributes: NDArray[np.float64],
     start: int,
+    extent: Extent,
     want: int,
     cut: LazyCut | None,
     footprint: Footprint,
@@ -219,7 +221,7 @@ def find_batch_lazy(
 
     Parameters
     ----------
-    start, want, cut
+    start, extent, want, cut
         As in `find_first_lazy`.
     footprint
         Of the rays; empty without a cut.
@@ -246,7 +248,9 @@ def find_batch_lazy(
         width = spread = 0.0
         if cut is not None:
             width, spread = footprint.width[i], footprint.spread[i]
-        result = find_first_lazy(lazy, trees, pool, scratch, start, want, ray, cut, width, spread)
+        result = find_first_lazy(
+            lazy, trees, pool, scratch, start, extent, want, ray, cut, width, spread
+        )
         if result == HIT and describe:
             result = _describe(lazy, trees, pool, scratch, attributes, ray, i, start, cut, surface)
         found[i] = result

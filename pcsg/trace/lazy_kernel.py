@@ -34,8 +34,8 @@ from pcsg.trace.ends import (
     world_size,
 )
 from pcsg.trace.groups import SUSPENDED
-from pcsg.trace.kernel import Extent, find_first
-from pcsg.trace.merge import tolerance
+from pcsg.trace.kernel import find_first
+from pcsg.trace.precision import Extent, is_touch, precision_of, tolerance
 from pcsg.trace.rulebook import (
     E_STAND_IN,
     ENTRY_FIELDS,
@@ -62,6 +62,7 @@ from pcsg.trace.traversal import (
     keep_path,
     load_ray,
     make_scratch,
+    store_precision,
     store_ray,
 )
 from pcsg.vec import Affine, Ray, Vec3, determinant, load_affine, transform_ray
@@ -69,7 +70,7 @@ from pcsg.vec import Affine, Ray, Vec3, determinant, load_affine, transform_ray
 _U1 = np.uint64(1)
 
 
-_NEAR_ORIGIN = Extent(Vec3(0.0, 0.0, 0.0), 0.0)
+_NEAR_ORIGIN = Extent(Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), 0.0)
 
 
 class LazyScratch(NamedTuple):
@@ -233,6 +234,7 @@ def find_first_lazy(
     pool: Pool,
     scratch: LazyScratch,
     start: int,
+    extent: Extent,
     want: int,
     world: Ray,
     cut: LazyCut | None,
@@ -245,6 +247,8 @@ def find_first_lazy(
     ----------
     start
         The item to begin with, and the ray in the frame of its slot; 0 for the axiom.
+    extent
+        Where the scene is.
     want
         FIRST, or ANY for any crossing.
     cut, width, spread
@@ -261,8 +265,10 @@ def find_first_lazy(
     book = lazy.book
     shared = len(lazy.store.refs)
     n_shared = len(lazy.store.heads) // HEAD
-    touch = world.tmin + tolerance(world.tmin)
-    near = world.tmin - 2.0 * tolerance(world.tmin)
+    precision = precision_of(world, extent)
+    store_precision(inner.small, precision)
+    touch = world.tmin + tolerance(world.tmin, precision)
+    near = world.tmin - 2.0 * tolerance(world.tmin, precision)
     best = world.tmax
     far = best
     hit = MISS
@@ -292,13 +298,13 @@ def find_first_lazy(
                 if solid & 1 == 1:
                     if lo < world.tmin:
                         continue
-                elif hi < near or hi <= lo:
+                elif hi < near or is_touch(lo, hi):
                     continue
                 elif lo <= touch:
                     return UNDECIDED
                 if lo > world.tmax:
                     break
-                e = tolerance(lo)
+                e = tolerance(lo, precision)
                 first = hit == MISS or lo < best - e
                 if first or (lo <= best + e and comes_first(paths, at_level, step, HIT_PATH)):
                     hit = HIT
@@ -314,7 +320,7 @@ def find_first_lazy(
             )
             if found == HIT:
                 t = inner.small[T]
-                e = tolerance(t)
+                e = tolerance(t, precision)
                 first = hit == MISS or t < best - e
                 if first or (t <= best + e and comes_first(paths, at_level, step, HIT_PATH)):
                     hit = HIT
@@ -355,7 +361,7 @@ def find_first_lazy(
                     )
                     if found == UNDECIDED:
                         return UNDECIDED
-                    e = tolerance(t)
+                    e = tolerance(t, precision)
                     level = at_level + 1
                     first = hit == MISS or t < best - e
                     tied = t <= best + e and comes_first(paths, level, last, HIT_PATH)

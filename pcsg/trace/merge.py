@@ -5,27 +5,18 @@ The definition is ``docs/solids.md``, section "Combining two lists".
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.operators import OPERATORS
 from pcsg.jit import njit
+from pcsg.trace.precision import Precision, tolerance
 
 CROSSING, SHEET = 0, 1
 """Kinds of events. Crossings alternate between enter and leave."""
 
 TABLES = tuple(operator.table for operator in OPERATORS)
 """Truth tables by the operators' kinds."""
-
-
-@njit
-def tolerance(t: float) -> float:
-    """Return how far apart ends may be and still coincide."""
-    if math.isinf(t):
-        return 0.0
-    return 1e-10 * max(1.0, abs(t))
 
 
 @njit
@@ -45,6 +36,7 @@ def merge(
     b_end: int,
     out_t: NDArray[np.float64],
     out_about: NDArray[np.int32],
+    precision: Precision,
 ) -> int:
     """Combine the events ``[a, a_end)`` and ``[b, b_end)``.
 
@@ -56,6 +48,8 @@ def merge(
         Parameters of the events, and two int32 for each: its record and its kind.
     out_t, out_about
         Where the result goes, from the beginning; at least as long as both lists together.
+    precision
+        Of the ray.
 
     Returns
     -------
@@ -68,12 +62,12 @@ def merge(
     while a < a_end or b < b_end:
         a_next = a
         b_next = b
-        if a >= a_end or (b < b_end and t[b] < t[a] - tolerance(t[a])):
+        if a >= a_end or (b < b_end and t[b] < t[a] - tolerance(t[a], precision)):
             at = t[b]
             reach = at
         else:
             at = t[a]
-            reach = at + tolerance(at)
+            reach = at + tolerance(at, precision)
             while a_next < a_end and t[a_next] == at:
                 a_next += 1
         while b_next < b_end and t[b_next] <= reach:

@@ -13,7 +13,8 @@ from pcsg.jit import njit
 from pcsg.leaf.registry import ALL, OVERFLOW, Pool
 from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
-from pcsg.trace.merge import TABLES, tolerance, truth
+from pcsg.trace.merge import TABLES, truth
+from pcsg.trace.precision import is_touch, load_precision, tolerance
 from pcsg.trace.simd import WIDTH
 from pcsg.trace.traversal import (
     ENDS,
@@ -21,6 +22,7 @@ from pcsg.trace.traversal import (
     LIMITS,
     NONE,
     PATH,
+    PRECISION,
     STACK,
     UNDECIDED,
     Scratch,
@@ -70,7 +72,8 @@ def find_owner(
     """
     entry_t, entry_ref, rays = scratch.entry_t, scratch.entry_ref, scratch.rays
     paths, small, frames, limits = scratch.paths, scratch.small, scratch.frames, scratch.limits
-    low, high = t - 2.0 * tolerance(t), t + 2.0 * tolerance(t)
+    precision = load_precision(small, PRECISION)
+    low, high = t - 2.0 * tolerance(t, precision), t + 2.0 * tolerance(t, precision)
     frame = 0
     kept = PATH * (level + 1)
     paths[kept] = 0
@@ -126,7 +129,7 @@ def find_owner(
                 if sheet and lo >= low:
                     # Whichever stands first in the text is seen: lists can tell.
                     return UNDECIDED, UNDECIDED, t
-                if hi <= lo or hi < low:
+                if hi < low or is_touch(lo, hi):
                     continue
                 if lo < low:
                     was = 1

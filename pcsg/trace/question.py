@@ -20,7 +20,7 @@ from pcsg.jit import njit
 from pcsg.leaf.registry import ALL, OVERFLOW, Pool
 from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
-from pcsg.trace.merge import tolerance
+from pcsg.trace.precision import is_touch, load_precision, tolerance
 from pcsg.trace.simd import WIDTH
 from pcsg.trace.traversal import (
     ENDS,
@@ -28,6 +28,7 @@ from pcsg.trace.traversal import (
     LIMITS,
     NONE,
     PATH,
+    PRECISION,
     SLOT,
     STACK,
     UNDECIDED,
@@ -89,7 +90,8 @@ def ask(
     entries = scratch.entries
     if level + 4 >= MAX_DEPTH or base >= STACK - 2 * WIDTH:
         return UNDECIDED, t, False
-    beyond = t + tolerance(t)
+    precision = load_precision(small, PRECISION)
+    beyond = t + tolerance(t, precision)
     alone = code & 7 == OPERATION
     frame = 0
     kept = PATH * (level + 1)
@@ -145,7 +147,10 @@ def ask(
                 return UNDECIDED, t, False
             for k in range(ENDS, n, 2):
                 lo, hi = small[k], small[k + 1]
-                if hi <= beyond or hi <= lo:
+                if hi <= t or is_touch(lo, hi):
+                    continue
+                # What ends where the question begins is over, unless it is thinner than that.
+                if hi <= beyond and not (lo <= t and hi <= lo + tolerance(lo, precision)):
                     continue
                 if lo <= beyond:
                     keep_surface(trees, scratch, at_level, kind, index, k + 1, kept)
@@ -153,7 +158,7 @@ def ask(
                     u = hi
                     returns = True
                     break
-                e = tolerance(lo)
+                e = tolerance(lo, precision)
                 coincides = nearest - e <= lo <= nearest + e
                 tied = tied or coincides
                 if lo < nearest - e or (coincides and comes_first(paths, at_level, index, kept)):
@@ -216,7 +221,7 @@ def ask(
             # before it ends. Where the solid may begin, an end that another leaf goes on beyond
             # does not count, so of two that coincide it is the one just found.
             decided = (state == 1) == subtracted
-            e = tolerance(u)
+            e = tolerance(u, precision)
             coincides = until - e <= u <= until + e and u < math.inf
             tied = tied or coincides
             if u < until - e or (decided and coincides):
@@ -231,7 +236,7 @@ def ask(
                 at_level += 2
                 paths[kept] = 0
                 top = base
-                limit = min(far, until + tolerance(until))
+                limit = min(far, until + tolerance(until, precision))
                 far = limit
                 nearest = math.inf
                 present = -1
@@ -260,7 +265,7 @@ def ask(
                 u = until
                 copy_path(paths, own, kept)
             else:
-                e = tolerance(until)
+                e = tolerance(until, precision)
                 coincides = nearest - e <= until <= nearest + e and until < math.inf
                 tied = tied or coincides
                 if until < nearest - e or (coincides and precedes(paths, own, kept)):

@@ -19,7 +19,8 @@ from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, Pool
 from pcsg.trace.groups import INSTANCE, LEAF, Groups
-from pcsg.trace.merge import TABLES, tolerance, truth
+from pcsg.trace.merge import TABLES, truth
+from pcsg.trace.precision import is_touch, load_precision, tolerance
 from pcsg.trace.simd import stay_apart
 from pcsg.vec import IDENTITY, Affine, Ray, load_affine, transform_ray
 
@@ -183,7 +184,8 @@ def small_crossings(
     low, high
         Nobody asks for what lies before or beyond all of this.
     ends, begin
-        Receives the crossings from `begin` on; used beyond them as working space.
+        Receives the crossings from `begin` on; used beyond them as working space. Before them stand
+        two numbers, the ray's precision.
     slots
         Receives the primitive that every crossing belongs to.
 
@@ -193,6 +195,7 @@ def small_crossings(
         End of the crossings in `ends`.
     """
     stay_apart()
+    precision = load_precision(ends, begin - 2)
     header = place(at)
     count = wide(smalls[header])
     table = tables[place(smalls[header + _ONE])]
@@ -214,6 +217,9 @@ def small_crossings(
             if low > high:
                 return begin
         for k in range(scratch, n):
+            first_of_two = scratch + (k - scratch) // 2 * 2
+            if is_touch(ends[place(first_of_two)], ends[place(first_of_two + 1)]):
+                continue
             # Insertion by t; equal ends keep the order of the text.
             t = ends[place(k)]
             p = place(events)
@@ -231,12 +237,18 @@ def small_crossings(
     out = begin
     k = begin
     while k < events:
-        # What coincides is one event.
+        # What coincides is one event, but for the ends of one primitive alone.
         group = k
-        reach = ends[k] + tolerance(ends[k])
+        reach = ends[k] + tolerance(ends[k], precision)
+        alone = True
         while k < events and ends[k] <= reach:
+            alone = alone and slots[k - begin] == slots[group - begin]
             inside ^= one << np.uint64(slots[k - begin])
             k += 1
+        if alone:
+            while k > group + 1:
+                k -= 1
+                inside ^= one << np.uint64(slots[k - begin])
         now = (table >> inside) & one
         if now != was:
             before = inside

@@ -32,14 +32,14 @@ from pcsg.trace.ends import NEVER
 from pcsg.trace.found import Found, FoundHits, make_found
 from pcsg.trace.groups import BLOCK, INSTANCE
 from pcsg.trace.hits import Hits
-from pcsg.trace.kernel import Cut, Extent
+from pcsg.trace.kernel import Cut
 from pcsg.trace.pool import pool_of
+from pcsg.trace.precision import Extent, extent_of
 from pcsg.trace.rays import Rays, check_values, run_chunks, shape_rays
 from pcsg.trace.simd import WIDTH
 from pcsg.trace.states_engine import StatesEngine
 from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, make_scratch
 from pcsg.trace.walker import Walker
-from pcsg.vec import Vec3
 
 Engine = Literal["auto", "cyclic", "states"]
 """``cyclic`` walks the graph itself, ``states`` its unrolled states; ``auto`` takes the states
@@ -76,7 +76,7 @@ class StatesTracer(StatesEngine):
     ) -> None:
         models = pool_of(graph)
         super().__init__(build_blocks(graph, states, models), models, walker, threads)
-        self._extent = _extent_of(self.blocks.box)
+        self._extent = extent_of(self.blocks.box)
 
     def _find_hits(self, rays: Rays, footprint: Footprint | None) -> Hits:
         found = make_found(len(rays.origins))
@@ -166,7 +166,7 @@ class StatesTracer(StatesEngine):
 
     def _sampler(self, target: int, box: Floats) -> Callable[[Floats, Floats], Sampled]:
         """Return what casts rays through a group, all of it."""
-        extent = _extent_of(box.reshape(2, 3))
+        extent = extent_of(box.reshape(2, 3))
 
         # Nothing ends here, but the kernel is the one that pictures need anyway.
         nowhere = np.full(len(self.blocks.targets), NEVER, np.int32)
@@ -223,13 +223,6 @@ def _box_of(blocks: Blocks, block: int) -> Floats:
     """Return the box of a group, from the boxes of its first block."""
     planes = blocks.boxes[6 * WIDTH * block : 6 * WIDTH * (block + 1)].reshape(6, WIDTH)
     return np.concatenate([planes[:3].min(axis=1), planes[3:].max(axis=1)]).astype(np.float64)
-
-
-def _extent_of(box: NDArray[np.float64]) -> Extent:
-    """Return where a box is; it may be infinite."""
-    finite = np.where(np.isfinite(box), box, 0.0)
-    middle = Vec3(*(float(x) for x in finite.mean(axis=0)))
-    return Extent(middle, 1000.0 * float(np.abs(finite).max()))
 
 
 _NOWHERE = make_found(0)

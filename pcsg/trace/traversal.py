@@ -20,6 +20,7 @@ from pcsg.leaf.registry import Pool
 from pcsg.simd import count_trailing_zeros
 from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import LEAF, SMALL
+from pcsg.trace.precision import Precision
 from pcsg.trace.simd import WIDTH, meet_boxes, prepare_ray
 from pcsg.trace.small import ENTRY, HEADER, small_crossings
 from pcsg.vec import Ray, load_affine, transform_ray
@@ -33,7 +34,9 @@ SLOT = -1_000_000
 """In a path, ``SLOT - k`` stands before the reference of primitive k of a small operation."""
 
 HIT_PATH = PATH * (MAX_DEPTH + 1)
-T, ENDS = 0, 1
+T, PRECISION, ENDS = 0, 1, 3
+"""In `Scratch.small`."""
+
 NONE, _ONE, _TWO, _THREE, _EIGHT = (np.uint64(k) for k in (0, 1, 2, 3, 8))
 _W, _W2, _W3, _W4, _W5, _W6 = (np.uint64(k * WIDTH) for k in range(1, 7))
 
@@ -88,7 +91,7 @@ class Scratch(NamedTuple):
     slots : int32
         Primitives that the crossings of a small operation belong to.
     small : float64
-        The first hit's t, and from `ENDS` on the crossings of one leaf.
+        The first hit's t, the ray's precision, and from `ENDS` on the crossings of one leaf.
     slabs : float32 (12,)
         The present ray prepared for boxes.
     entries : float32 (WIDTH,)
@@ -197,6 +200,12 @@ def choose_beginning(entry: float, low: float) -> float:
     """Return where to count from among boxes that a ray enters at `entry`, but not before `low`."""
     about = entry if entry > low else low
     return about if abs(about) < math.inf else 0.0
+
+
+@njit(inline=True)
+def store_precision(small: NDArray[np.float64], precision: Precision) -> None:
+    """Keep the precision of a ray; calls have arguments enough."""
+    small[PRECISION], small[PRECISION + 1] = precision.least, precision.slope
 
 
 @njit(inline=True)

@@ -37,6 +37,7 @@ from pcsg.trace.batch import (
 )
 from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.pool import pool_of
+from pcsg.trace.precision import extent_of
 from pcsg.trace.rays import Pace, Rays, check_points, check_rays, count_processors, run_chunks
 from pcsg.trace.surface import Surface, make_surface
 from pcsg.trace.tables import Models, Tables, pack
@@ -153,6 +154,7 @@ class Walker:
             states = enumerate_states(graph, values)
         if boxes is None:
             boxes = hyper_boxes(graph, values, states).boxes
+        self._extent = extent_of(boxes[graph.number[graph.root]].reshape(2, 3))
         pool = pool_of(graph)
         models = Models(_model_values(states), pool.place)
         self.tables, self._program = pack(graph, boxes, values, depth_limit, models)
@@ -328,6 +330,7 @@ class Walker:
             self.tables,
             self._pool,
             scratch,
+            self._extent,
             asked,
             *rays,
             begin,

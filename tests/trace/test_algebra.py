@@ -84,23 +84,29 @@ def walker_spans(node: Node, rays: Sequence[cases.Ray]) -> list[Spans]:
 ENGINES = {"oracle": oracle_spans, "walker": walker_spans}
 
 
-def without_hairs(spans: Spans) -> Spans:
+def hair(ray: cases.Ray, t: float) -> float:
+    """Return more than the tolerance, wherever the scene is."""
+    reach = 4.0 + max(map(abs, ray[0]))
+    return 8.0 * oracle.tolerance(t, oracle.precision((reach,) * 3, ray[1]))
+
+
+def without_hairs(spans: Spans, ray: cases.Ray) -> Spans:
     """Drop gaps and pieces within the tolerance: which side they fall to depends on the order."""
     joined: Spans = []
     for low, high in spans:
-        if joined and low - joined[-1][1] <= 4.0 * oracle.tolerance(low):
+        if joined and low - joined[-1][1] <= hair(ray, low):
             joined[-1] = (joined[-1][0], high)
         else:
             joined.append((low, high))
-    return [(a, b) for a, b in joined if not b - a <= 4.0 * oracle.tolerance(a)]
+    return [(a, b) for a, b in joined if not b - a <= hair(ray, a)]
 
 
-def assert_same(a: Spans, b: Spans) -> None:
-    a, b = without_hairs(a), without_hairs(b)
+def assert_same(a: Spans, b: Spans, ray: cases.Ray) -> None:
+    a, b = without_hairs(a, ray), without_hairs(b, ray)
     assert len(a) == len(b), (a, b)
     for p, q in zip(a, b, strict=True):
         for x, y in zip(p, q, strict=True):
-            assert x == y or abs(x - y) <= 4.0 * oracle.tolerance(y), (a, b)
+            assert x == y or abs(x - y) <= hair(ray, y), (a, b)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -112,8 +118,9 @@ def test_laws_hold_on_rays(law: str, engine: str, data: st.DataObject) -> None:
     parts = [data.draw(cases.solids(integral, False, 1)) for _ in range(3)]
     left, right = LAWS[law](*parts)
     rays = data.draw(cases.many_rays(Graph(left), 4))
-    for a, b in zip(ENGINES[engine](left, rays), ENGINES[engine](right, rays), strict=True):
-        assert_same(a, b)
+    answers = (ENGINES[engine](node, rays) for node in (left, right))
+    for a, b, ray in zip(*answers, rays, strict=True):
+        assert_same(a, b, ray)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -149,11 +156,11 @@ def test_membership_is_the_truth_table(operator: str, engine: str, data: st.Data
     rays = data.draw(cases.many_rays(Graph(whole), 4))
     ts = np.array(data.draw(st.lists(st.floats(-8, 8), min_size=1, max_size=10)))
     spans = [ENGINES[engine](node, rays) for node in (whole, a, b)]
-    for s, sa, sb in zip(*spans, strict=True):
+    for s, sa, sb, ray in zip(*spans, rays, strict=True):
         ends = [x for pair in (*s, *sa, *sb) for x in pair if math.isfinite(x)]
         between = [0.5 * (x + y) for x, y in zip(sorted(ends), sorted(ends)[1:], strict=False)]
         for t in (*ts, *between):
-            if any(abs(t - x) <= 4.0 * oracle.tolerance(x) for x in ends):
+            if any(abs(t - x) <= hair(ray, x) for x in ends):
                 continue
             inside, in_a, in_b = (any(low < t < high for low, high in x) for x in (s, sa, sb))
             assert inside == truth(in_a, in_b), (t, s, sa, sb)
