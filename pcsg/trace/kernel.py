@@ -46,6 +46,7 @@ from pcsg.trace.traversal import (
     PRECISION,
     STACK,
     UNDECIDED,
+    VISITS,
     Scratch,
     T,
     Trees,
@@ -217,9 +218,9 @@ def find_first(
                     about = choose_beginning(entry, near)
                     store_ray(rays, present, ray, about)
                     block = wide(trees.targets[place(index)])
-                    scratch.visits[1] += 1
+                    scratch.frames[VISITS + 1] += 1
                 slabs = make_slabs(ray, about, scratch.slabs)
-            scratch.visits[0] += 1
+            scratch.frames[VISITS] += 1
             met = meet_block(trees.boxes, block, slabs, near, far, scratch)
             if met != NONE:
                 if top >= STACK - WIDTH:
@@ -239,7 +240,7 @@ def find_first(
                 )
                 at_level = present
         elif kind in (LEAF, SMALL):
-            scratch.visits[2] += 1
+            scratch.frames[VISITS + 2] += 1
             sheet = kind == LEAF and is_sheet(trees, index)
             inner = load_ray(rays, at_level, world.tmin if sheet else near, far)
             n = cross_reference(trees, pool, scratch, kind, index, inner, near, far, want)

@@ -55,6 +55,7 @@ from pcsg.trace.traversal import (
     PATH,
     STACK,
     UNDECIDED,
+    VISITS,
     Scratch,
     T,
     Trees,
@@ -289,7 +290,7 @@ def find_first_lazy(
         above = load_ray(rays, at_level)
         ray = transform_ray(inverse, above)
         if code & 7 != SUSPENDED:
-            outer.visits[2] += 1
+            outer.frames[VISITS + 2] += 1
             solid = book.parts[part + P_SOLID]
             at = book.n_values * own
             n = leaf_crossings(solid >> 1, ray, ALL, slots.values, at, pool, small, ENDS)
@@ -334,7 +335,7 @@ def find_first_lazy(
         else:
             if at_level + 4 >= MAX_DEPTH or top + book.width >= STACK - 8:
                 return UNDECIDED
-            outer.visits[1] += 1
+            outer.frames[VISITS + 1] += 1
             paths[at_level] = step
             opens = True
             if cut is not None:

@@ -25,6 +25,7 @@ from pcsg.trace.traversal import (
     PRECISION,
     STACK,
     UNDECIDED,
+    VISITS,
     Scratch,
     Trees,
     comes_first,
@@ -101,9 +102,9 @@ def find_owner(
                     present = at_level + 1
                     store_ray(rays, present, ray, t)
                     block = wide(trees.targets[index])
-                    scratch.visits[1] += 1
+                    scratch.frames[VISITS + 1] += 1
                 slabs = make_slabs(ray, t, scratch.slabs)
-            scratch.visits[0] += 1
+            scratch.frames[VISITS] += 1
             met = meet_block(trees.boxes, block, slabs, low, high, scratch)
             if met != NONE:
                 if top >= STACK - WIDTH:
@@ -115,7 +116,7 @@ def find_owner(
                 )
                 at_level = present
         elif kind in (LEAF, SMALL):
-            scratch.visits[2] += 1
+            scratch.frames[VISITS + 2] += 1
             inner = load_ray(rays, at_level)
             n = cross_reference(trees, pool, scratch, kind, index, inner, low, high, ALL)
             if n == OVERFLOW:

@@ -32,6 +32,7 @@ from pcsg.trace.traversal import (
     SLOT,
     STACK,
     UNDECIDED,
+    VISITS,
     Scratch,
     Trees,
     choose_beginning,
@@ -127,9 +128,9 @@ def ask(
                     about = choose_beginning(entry, t)
                     store_ray(rays, present, ray, about)
                     block = wide(trees.targets[index])
-                    scratch.visits[1] += 1
+                    scratch.frames[VISITS + 1] += 1
                 slabs = make_slabs(ray, about, scratch.slabs)
-            scratch.visits[0] += 1
+            scratch.frames[VISITS] += 1
             met = meet_block(trees.boxes, block, slabs, t, far, scratch)
             if met != NONE:
                 if top >= STACK - WIDTH:
@@ -140,7 +141,7 @@ def ask(
                 )
                 at_level = present
         elif kind in (LEAF, SMALL):
-            scratch.visits[2] += 1
+            scratch.frames[VISITS + 2] += 1
             inner = load_ray(rays, at_level)
             n = cross_reference(trees, pool, scratch, kind, index, inner, t, far, ALL)
             if n == OVERFLOW:

@@ -17,7 +17,7 @@ from pcsg.trace.coverage import Footprint
 from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.pool import ModelPool
 from pcsg.trace.rays import Pace, Rays, count_processors, shape_rays
-from pcsg.trace.traversal import HIT, MISS, UNDECIDED, Scratch, Trees
+from pcsg.trace.traversal import HIT, MISS, UNDECIDED, VISITS, Scratch, Trees
 from pcsg.trace.walker import Walker
 
 
@@ -76,7 +76,7 @@ class StatesEngine:
         States that are opened on the way are instances, wherever they are kept.
         """
         with self._lock:
-            visits = sum((s.visits for s in self._scratches), np.zeros(3))
+            visits = sum((s.frames[VISITS:] for s in self._scratches), np.zeros(3))
         names = ("blocks", "instances", "leaves")
         per_ray = visits / max(1, self._rays)
         return {"rays": self._rays, **dict(zip(names, map(float, per_ray), strict=True))}

@@ -30,6 +30,9 @@ MISS, HIT, INSIDE, UNDECIDED = 0, 1, 2, -1
 STACK = 4_096
 PATH = MAX_DEPTH + 4
 FRAME, LIMITS = 6, 5
+VISITS = FRAME * MAX_DEPTH
+"""Behind the frames: how many blocks, instances and leaves were visited so far."""
+
 SLOT = -1_000_000
 """In a path, ``SLOT - k`` stands before the reference of primitive k of a small operation."""
 
@@ -83,11 +86,11 @@ class Scratch(NamedTuple):
         References on the way: an instance or an operation, then its operand as ``-1 - k``. Then,
         `PATH` entries each, the paths to the ends that questions have found at every level, and
         to the first hit at `HIT_PATH`: the number of references first, the leaf's last.
-    frames, limits : int64 (FRAME MAX_DEPTH,), float64 (LIMITS MAX_DEPTH,)
+    frames, limits : int64 (VISITS + 3,), float64 (LIMITS MAX_DEPTH,)
         Operations that wait for an operand's answer: place in `operations`, operands done, level,
         and stack base, kept path and stack top of the question that met it; its limit, how far it
         looked, its nearest end, until where the operation stays as it is, and until where
-        all operands are known.
+        all operands are known. See `VISITS` for the last three.
     slots : int32
         Primitives that the crossings of a small operation belong to.
     small : float64
@@ -96,8 +99,6 @@ class Scratch(NamedTuple):
         The present ray prepared for boxes.
     entries : float32 (WIDTH,)
         Where the ray enters the boxes of a block.
-    visits : int64 (3,)
-        Blocks, instances and leaves visited so far.
     """
 
     entry_t: NDArray[np.float64]
@@ -110,7 +111,6 @@ class Scratch(NamedTuple):
     small: NDArray[np.float64]
     slabs: NDArray[np.float32]
     entries: NDArray[np.float32]
-    visits: NDArray[np.int64]
 
 
 def make_scratch() -> Scratch:
@@ -120,13 +120,12 @@ def make_scratch() -> Scratch:
         entry_ref=np.zeros(STACK, np.int64),
         rays=np.zeros(8 * PATH),
         paths=np.zeros(PATH * (PATH + 2), np.int32),
-        frames=np.zeros(FRAME * MAX_DEPTH, np.int64),
+        frames=np.zeros(VISITS + 3, np.int64),
         limits=np.zeros(LIMITS * MAX_DEPTH),
         slots=np.zeros(ENDS + 64, np.int32),
         small=np.zeros(ENDS + 64),
         slabs=np.zeros(12, np.float32),
         entries=np.zeros(WIDTH, np.float32),
-        visits=np.zeros(3, np.int64),
     )
 
 
