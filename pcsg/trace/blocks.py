@@ -211,6 +211,8 @@ class _Builder:
             self._emit_reference(cut.reference, box) for cut, box in zip(cuts, boxes, strict=True)
         ]
         pad = 1e-9 * np.abs(np.where(np.isfinite(boxes), boxes, 0.0)).max(axis=1)
+        # Sides at zero of what has no size, such as a half-space, would have no room for rounding.
+        pad[(pad == 0.0) & ~np.isfinite(boxes).all(axis=1)] = np.inf
         boxes[:, :3] -= pad[:, None]
         boxes[:, 3:] += pad[:, None]
         return self._build_tree(boxes, numbers)
@@ -414,7 +416,7 @@ class _Builder:
         return [has[OPERATION, k] for k in range(len(groups.operations))]
 
 
-_FARTHEST, _LEAST_SINGLE = 1e22, 1e-37
+_FARTHEST, _LEAST_SINGLE = 3e20, 1e-37
 """A box that reaches farther has no end, so that single precision does not overflow; below the
 other number it has fewer digits."""
 

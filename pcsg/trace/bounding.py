@@ -90,10 +90,15 @@ def evaluate_sides(
 @njit
 def pad_box(box: NDArray[np.float64]) -> None:
     """Grow a box outwards for rounding."""
-    largest = 0.0
+    largest, bounded = 0.0, True
     for i in range(6):
         if abs(box[i]) < math.inf:
             largest = max(largest, abs(box[i]))
+        else:
+            bounded = False
+    if largest == 0.0 and not bounded and box[0] <= box[3]:
+        # Sides at zero of what has no size, such as a half-space, would have no room for rounding.
+        largest = math.inf
     for i in range(3):
         box[i] -= PAD * largest
         box[i + 3] += PAD * largest

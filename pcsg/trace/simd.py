@@ -18,10 +18,10 @@ WIDTH = 16
 SINGLE, DOUBLE = 5e-7, 1e-14
 """Errors, generously, of what is computed with single and with double precision."""
 
-STEEPEST, _MOST = 1e15, 1e38
+STEEPEST, _MOST = 3e17, 1e38
 """The largest inverse of a scaled direction's component, and of any number in single precision.
 Boxes are padded by a relative 1e-9: a ray that is as good as parallel to a side does not reach it
-within a million times their size."""
+within 300 million times their size."""
 
 _BOXES = ir.VectorType(ir.FloatType(), WIDTH)
 _AXES = ir.VectorType(ir.DoubleType(), 4)
