@@ -20,6 +20,7 @@ from benchmarks import (
     operations,
     pictures,
     rays,
+    scattered,
     trees,
     wood,
 )
@@ -39,6 +40,7 @@ SUBJECTS: tuple[Subject, ...] = (
     modes.MODES,
     mesh.MESH,
     operations.OPERATIONS,
+    scattered.SCATTERED,
     detail.LAZY,
     detail.DETAIL,
     pictures.PICTURES,

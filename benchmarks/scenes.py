@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pcsg.trace.tracer import Engine
 
 HERE = Path(__file__).parent
+GRAMMARS_HERE = HERE / "grammars"
 GRAMMARS = HERE.parent / "grammars"
 
 
@@ -71,7 +72,7 @@ def _terrain(scene: Scene) -> Triangles:
 
 
 def _file(name: str) -> Callable[[], str]:
-    folder = HERE / "grammars" if (HERE / "grammars" / f"{name}.pcsg").exists() else GRAMMARS
+    folder = GRAMMARS_HERE if (GRAMMARS_HERE / f"{name}.pcsg").exists() else GRAMMARS
     return lambda: (folder / f"{name}.pcsg").read_text(encoding="utf-8")
 
 

@@ -16,6 +16,7 @@ from pcsg import arguments
 from pcsg.errors import GrammarError, UsageError
 from pcsg.graph.binding import make_recipes
 from pcsg.graph.bounds import HyperBoxes, hyper_boxes
+from pcsg.graph.counts import count_primitives
 from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, unit
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.nodes import Combinable, Leaf, as_node
@@ -27,13 +28,16 @@ from pcsg.graph.unroll import enumerate_states
 from pcsg.graph.validate import check_graph
 from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.lazy import LazyTracer
+from pcsg.trace.pool import pool_of
 from pcsg.trace.rays import check_rays
 from pcsg.trace.store import BLOCK_MEMORY
-from pcsg.trace.tracer import Engine, StatesTracer
+from pcsg.trace.tracer import Engine, StatesTracer, trace_states
 from pcsg.trace.walker import Walker
 
 if TYPE_CHECKING:
     from pcsg.graph.leaves import Leaves
+    from pcsg.trace.expand.expansion import Expansion
+    from pcsg.trace.expand.pack import Packed
     from pcsg.treemesh.segments import Assembled
 
 UNROLL_BUDGET = 2_000
@@ -41,6 +45,9 @@ UNROLL_BUDGET = 2_000
 
 MOST_STATES = 1_000_000
 """States that primitives are derived from, one by one."""
+
+EXPANSION_MEMORY = 512 << 20
+"""Bytes of all states, where they are more than those and are unrolled in compiled code."""
 
 WHOLE_BUDGET = 16_000
 """States that are unrolled where they cannot be made on demand: seconds of preparation."""
@@ -141,8 +148,9 @@ class Scene:
     max_memory
         Bytes that rays may use for their work; by default half of the machine's.
     block_memory
-        Bytes for states where they are too many to be unrolled, 16 MB by default. More is faster;
-        the answers are the same.
+        Bytes for states where they are many. By default all of them are prepared where 512 MB
+        suffice, else as many as fit into 16 MB, and the others while rays are traced. More is
+        faster; the answers are the same.
 
     Raises
     ------
@@ -185,6 +193,8 @@ class Scene:
         if faults:
             raise GrammarError(faults)
         self._recipes: Recipes | None = None
+        self._expansion: Expansion | None = None
+        self._model_values: dict[int, list[tuple[float, ...]]] = {}
         unrolled = engine != "cyclic" and self._unroll()
         if engine == "states" and not unrolled:
             raise UsageError(f"{self._obstacle}; use the engine `cyclic` or `auto`")
@@ -195,6 +205,12 @@ class Scene:
     def _unroll(self) -> bool:
         """Find how the engine of states can have its states; return whether it can."""
         if not self.states.finite:
+            self._expansion = self._expand()
+            if self._expansion is not None:
+                self._model_values = self._expansion.model_values
+                return True
+            if self.states.unknown_models:
+                raise GrammarError(self.states.unknown_models)
             try:
                 self._recipes = make_recipes(self.graph, self.values)
             except NoRecipe as reason:
@@ -208,6 +224,36 @@ class Scene:
         if self.states.finite and not self.states.acyclic:
             self._obstacle = "a module of the grammar leads back to itself with the same values"
         return self.states.finite and self.states.acyclic
+
+    def _expand(self) -> Expansion | None:
+        """Return all states where memory has room for them, in compiled code."""
+        from pcsg.trace.expand.expansion import Expansion, TooLarge
+
+        memory = EXPANSION_MEMORY if self._block_memory is None else self._block_memory
+        try:
+            found = Expansion(
+                self.graph,
+                self.values,
+                pool_of(self.graph),
+                memory,
+                lambda: count_primitives(self.graph, self.values, 2_000),
+            )
+        except TooLarge:
+            return None
+        if found.diagnostics:
+            raise GrammarError(found.diagnostics)
+        return found if found.order is not None else None
+
+    @cached_property
+    def _packed(self) -> Packed | None:
+        """The expansion as blocks; the table of states goes."""
+        from pcsg.trace.expand.pack import pack_expansion
+
+        if self._expansion is None:
+            return None
+        packed = pack_expansion(self._expansion)
+        self._expansion = None
+        return packed
 
     def _sun(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the direction towards the sun as the parameters SUNX, SUNY, SUNZ."""
@@ -245,8 +291,11 @@ class Scene:
                 block_memory=memory,
                 box=self.boxes.boxes[self.graph.number[self.graph.root]],
             )
+        if self._packed is not None:
+            models = pool_of(self.graph)
+            return StatesTracer(self._packed.blocks, models, self._make_walker, self._threads)
         if self.engine == "states":
-            return StatesTracer(self.graph, self.states, self._make_walker, self._threads)
+            return trace_states(self.graph, self.states, self._make_walker, self._threads)
         return self._make_walker()
 
     def _make_walker(self) -> Walker:
@@ -257,6 +306,7 @@ class Scene:
             boxes=self.boxes.boxes,
             threads=self._threads,
             states=self.states,
+            model_values=self._model_values,
             **limit,
         )
 
@@ -269,6 +319,8 @@ class Scene:
     @property
     def bounds(self) -> NDArray[np.float64]:
         """Corners of the box about the bounded parts, float64 (2, 3); +inf, -inf if empty."""
+        if self._packed is not None:
+            return self._packed.bounded
         box = self.boxes.scene_box
         return np.array([box.lower, box.upper])
 

@@ -15,9 +15,12 @@ from oracle import Event
 from pcsg.graph.binding import make_recipes
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.unroll import enumerate_states
+from pcsg.trace.expand.expansion import Expansion
+from pcsg.trace.expand.pack import pack_expansion
 from pcsg.trace.lazy import LazyTracer
+from pcsg.trace.pool import pool_of
 from pcsg.trace.store import BLOCK_MEMORY
-from pcsg.trace.tracer import StatesTracer
+from pcsg.trace.tracer import StatesTracer, trace_states
 from pcsg.trace.walker import Walker
 
 Ray = tuple[Sequence[float], Sequence[float]]
@@ -31,7 +34,18 @@ def make_states(
     """Return the engine of states; a graph that it cannot take is a mistake of the test."""
     states = enumerate_states(graph, values)
     assert states.finite and states.acyclic and not states.diagnostics
-    return StatesTracer(graph, states, lambda: Walker(graph, values, threads=threads), threads)
+    return trace_states(graph, states, lambda: Walker(graph, values, threads=threads), threads)
+
+
+def make_expanded(
+    graph: Graph, values: Mapping[str, float] = GLOBALS, *, threads: int | None = None
+) -> StatesTracer:
+    """Return the engine of states, prepared in compiled code."""
+    models = pool_of(graph)
+    packed = pack_expansion(Expansion(graph, values, models, 1 << 30))
+    return StatesTracer(
+        packed.blocks, models, lambda: Walker(graph, values, threads=threads), threads
+    )
 
 
 def make_lazy(
@@ -57,7 +71,11 @@ def make_any_states(graph: Graph, values: Mapping[str, float] = GLOBALS) -> Trac
     return make_states(graph, values) if states.finite else make_lazy(graph, values)
 
 
-ENGINES: dict[str, Make] = {"cyclic": Walker, "states": make_states}
+ENGINES: dict[str, Make] = {
+    "cyclic": Walker,
+    "states": make_states,
+    "expanded": make_expanded,
+}
 
 LIMITS = (0.0, math.inf)
 SAME = 1e-9

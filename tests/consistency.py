@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import oracle
-from agreement import Tracer, make_lazy, make_states
+from agreement import Tracer, make_expanded, make_lazy, make_states
 
 from pcsg.graph.graph import Graph
 from pcsg.graph.recipes import NoRecipe
@@ -50,8 +50,10 @@ def opened(whole: int, references: int) -> Iterator[None]:
 def fast_tracers(graph: Graph) -> Iterator[tuple[str, Tracer]]:
     """Yield the engines of states: opened, not opened, and on demand where that can be."""
     yield "states", make_states(graph)
+    yield "expanded", make_expanded(graph)
     with opened(0, 0):
         yield "states, closed", make_states(graph)
+        yield "expanded, closed", make_expanded(graph)
     with suppress(NoRecipe):
         yield "on demand", make_lazy(graph, block_memory=0)
 

@@ -82,7 +82,7 @@ def test_rays_are_real_numbers_in_rows(points: Any) -> None:
         ("camera", {"fov": "wide"}, "`fov` of `camera` is a number, not 'wide'"),
         ("camera", {"foo": 1}, "`camera` has no key `foo`; did you mean `fov`?"),
         ("ground", {"material": 3}, "`material` of `ground` is a name, not 3"),
-        ("sky", {"file": 3}, "`file` of `sky` is a text in quotes, not 3"),
+        ("sky", {"file": 3}, "`file` of `sky` is the name of a file in quotes, not 3"),
     ],
 )
 def test_pictures(keyword: str, value: Any, told: str) -> None:

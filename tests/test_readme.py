@@ -29,7 +29,8 @@ QUICK = {"--size": "16x12", "--samples": "1"}
 
 
 def blocks(kind: str, text: str = README) -> list[str]:
-    return re.findall(rf"^```{kind}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return [block for language, block in found if language == kind]
 
 
 def commands(text: str) -> list[list[str]]:

@@ -91,6 +91,14 @@ class GraphCode:
         self._reads.append(tuple(sorted(self.slots[n] for n in names)))
         self._pack.append(Struct(f"{len(names)}d"))
 
+    def code_at(self, k: int) -> int:
+        """Return where the code of a node begins on the tape, -1 where it computes nothing."""
+        return self._at[k]
+
+    def stores(self, k: int) -> tuple[int, ...]:
+        """Return the slots that a node assigns."""
+        return self._stores[k]
+
     def initial(self, values: Mapping[str, float] | None = None) -> list[float]:
         """Return the slots as the axiom sees them: NaN where nothing is assigned.
 

@@ -276,7 +276,7 @@ class Leaf(Node):
         """Return the largest ``p . direction`` over it with these arguments, or more."""
         if self.constants:
             return self.model(args).support(direction)
-        return self.solid.support(direction, args)
+        return self.solid.support_of(direction, args)
 
 
 def as_node(solid: Combinable) -> Node:

@@ -136,6 +136,8 @@ class StateGraph:
         Whether no state contains itself; one that does never ends.
     diagnostics
         Faults found on the way.
+    unknown_models
+        Where the budget ended first: leaves with data whose models other states may need.
     """
 
     graph: Graph
@@ -143,6 +145,7 @@ class StateGraph:
     finite: bool = True
     acyclic: bool = True
     diagnostics: list[Diagnostic] = field(default_factory=list)
+    unknown_models: list[Diagnostic] = field(default_factory=list)
 
     @property
     def count(self) -> int:

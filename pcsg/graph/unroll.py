@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from struct import Struct
 
-from pcsg.errors import UsageError
+from pcsg.errors import Diagnostic, UsageError
 from pcsg.graph.attributes import ATTRIBUTE_SLOTS
 from pcsg.graph.code import GraphCode, NodeFault, compose_affine, invert_affine
 from pcsg.graph.expr import asks_world, parameters_of
@@ -79,6 +79,22 @@ def enumerate_states(
     unroller.run(starts)
     _check_depth(unroller.found, depth_limit)
     return unroller.found
+
+
+def find_faults(
+    graph: Graph, globals_values: Mapping[str, float] | None, chain: Sequence[State]
+) -> list[Diagnostic]:
+    """Return the faults in the right-hand side of the last state of a chain.
+
+    Parameters
+    ----------
+    chain
+        States from the axiom down, each with its place in the chain as the next one's parent.
+    """
+    unroller = _Unroller(graph, globals_values, len(chain))
+    unroller.found.states = list(chain)
+    unroller._expand(len(chain) - 1)
+    return unroller.found.diagnostics
 
 
 class _Unroller:
@@ -245,11 +261,12 @@ class _Unroller:
             raise NodeFault(TOO_MANY_MODELS, n, None, detail)
 
     def _check_models(self) -> None:
-        """Report models that the states which were not enumerated may need."""
+        """Tell which models the states that were not enumerated may need."""
         for n, node in enumerate(self.graph.nodes):
             if isinstance(node, Leaf) and node.constants and _varies(node):
                 detail = "its parameters take more values than can be enumerated"
-                self._report(NodeFault(TOO_MANY_MODELS, n, None, detail), 0, self.initial)
+                fault = NodeFault(TOO_MANY_MODELS, n, None, detail)
+                self.found.unknown_models.append(self._diagnose(fault, 0, self.initial))
 
     def _report(self, fault: NodeFault, k: int, params: list[float]) -> None:
         # One report for each place in the text, however many states meet it.
@@ -257,12 +274,19 @@ class _Unroller:
         if place in self.reported or len(self.found.diagnostics) >= DIAGNOSTICS_LIMIT:
             return
         self.reported.add(place)
+        self.found.diagnostics.append(self._diagnose(fault, k, params))
+
+    def _diagnose(self, fault: NodeFault, k: int, params: list[float]) -> Diagnostic:
+        """Return the diagnostic of a fault in a state."""
         values = {name: params[self.code.slots[name]] for name in self.graph.parameters}
-        path = self.found.path(k)
-        self.found.diagnostics.append(
-            fault_diagnostic(
-                fault.kind, self.graph, fault.node, fault.span, path, values, fault.detail
-            )
+        return fault_diagnostic(
+            fault.kind,
+            self.graph,
+            fault.node,
+            fault.span,
+            self.found.path(k),
+            values,
+            fault.detail,
         )
 
 

@@ -35,3 +35,6 @@ leaf_other_uv = _ladder("other_uv", "p args at pool", "(0.0, 0.0, 0.0, 0.0, 0.0,
 
 leaf_attributes = _ladder("attributes", "p args at pool", "(-1.0, -1.0, -1.0, -1.0)")
 """``(kind, p, args, at, pool) -> (red, green, blue, label)``: -1 where the leaf has none"""
+
+leaf_support = _ladder("support", "d args at", "0.0")
+"""``(kind, d, args, at) -> float``: the largest ``p . d`` over a leaf that tells it itself"""

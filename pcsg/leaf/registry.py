@@ -241,8 +241,10 @@ class Solid:
         return cls.bounds
 
     @classmethod
-    def support(cls, direction: Vec3, args: Sequence[float]) -> float:
-        """Return the largest ``p . direction`` over the solid, or more; by default its box's."""
+    def support_of(cls, direction: Vec3, args: Sequence[float]) -> float:
+        """Return the largest ``p . direction`` over the solid with these arguments, or more."""
+        if cls.support is not Solid.support:
+            return cls.support(direction, args, 0)
         if cls.corners:
             return max(math.fsum(map(mul, corner, direction)) for corner in cls.corners)
         return support_of_box(cls.bounds_of(args), direction)
@@ -312,6 +314,14 @@ class Solid:
         raise NotImplementedError
 
     # Kernels.
+
+    @staticmethod
+    def support(d: Vec3, args: Sequence[float] | Array, at: int) -> float:
+        """Return the largest ``p . d`` over the solid.
+
+        Only a leaf that is rounder than its box and its corners defines this.
+        """
+        raise NotImplementedError
 
     @staticmethod
     def crossings(

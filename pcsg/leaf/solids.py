@@ -57,9 +57,9 @@ class Sphere(Solid):
     bounds = UNIT_BOX
     ball = (Vec3(0.0, 0.0, 0.0), 1.0)
 
-    @classmethod
-    def support(cls, direction: Vec3, args: Sequence[float]) -> float:
-        return math.hypot(*direction)
+    @staticmethod
+    def support(d: Vec3, args: Sequence[float] | Array, at: int) -> float:
+        return math.hypot(math.hypot(d.x, d.y), d.z)
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
@@ -150,9 +150,9 @@ class Cylinder(Solid):
     bounds = Bounds((-1.0, -1.0, 0.0), (1.0, 1.0, 1.0))
     ball = (Vec3(0.0, 0.0, 0.5), math.hypot(1.0, 0.5))
 
-    @classmethod
-    def support(cls, direction: Vec3, args: Sequence[float]) -> float:
-        return math.hypot(direction[0], direction[1]) + max(0.0, direction[2])
+    @staticmethod
+    def support(d: Vec3, args: Sequence[float] | Array, at: int) -> float:
+        return math.hypot(d.x, d.y) + max(0.0, d.z)
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
@@ -219,10 +219,10 @@ class Cone(Solid):
         wide = max(1.0, args[0])
         return Bounds((-wide, -wide, 0.0), (wide, wide, 1.0))
 
-    @classmethod
-    def support(cls, direction: Vec3, args: Sequence[float]) -> float:
-        across = math.hypot(direction[0], direction[1])
-        return max(across, args[0] * across + direction[2])
+    @staticmethod
+    def support(d: Vec3, args: Sequence[float] | Array, at: int) -> float:
+        across = math.hypot(d.x, d.y)
+        return max(across, args[at] * across + d.z)
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:

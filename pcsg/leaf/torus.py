@@ -92,9 +92,9 @@ class Torus(Solid):
         r = args[0]
         return Bounds((-1.0 - r, -1.0 - r, -r), (1.0 + r, 1.0 + r, r))
 
-    @classmethod
-    def support(cls, direction: Vec3, args: Sequence[float]) -> float:
-        return math.hypot(direction[0], direction[1]) + args[0] * math.hypot(*direction)
+    @staticmethod
+    def support(d: Vec3, args: Sequence[float] | Array, at: int) -> float:
+        return math.hypot(d.x, d.y) + args[at] * math.hypot(math.hypot(d.x, d.y), d.z)
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:

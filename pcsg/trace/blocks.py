@@ -23,6 +23,7 @@ from pcsg.graph.hulls import EMPTY as EMPTY_BOX
 from pcsg.graph.hulls import Hulls, Part
 from pcsg.graph.nodes import Leaf
 from pcsg.graph.states import StateGraph, StateItem
+from pcsg.trace.accel.build import FARTHEST, LEAST_SINGLE
 from pcsg.trace.binary import BinaryTree, area_of, hull_of
 from pcsg.trace.groups import (
     BLOCK,
@@ -416,11 +417,6 @@ class _Builder:
         return [has[OPERATION, k] for k in range(len(groups.operations))]
 
 
-_FARTHEST, _LEAST_SINGLE = 3e20, 1e-37
-"""A box that reaches farther has no end, so that single precision does not overflow; below the
-other number it has fewer digits."""
-
-
 def _round_outwards(planes: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return lower and upper planes (6, W) in single precision, with room for its errors.
 
@@ -430,9 +426,9 @@ def _round_outwards(planes: NDArray[np.float64]) -> NDArray[np.float32]:
     with np.errstate(invalid="ignore"):
         room = np.abs(planes) * SINGLE
         # Where single precision runs out of digits, its errors are no longer relative.
-        room[(np.abs(planes) < _LEAST_SINGLE) & (planes != 0.0)] += 1e-44
+        room[(np.abs(planes) < LEAST_SINGLE) & (planes != 0.0)] += 1e-44
         lower, upper = planes[:3] - room[:3], planes[3:] + room[3:]
     # Boxes of nothing, from infinity to minus infinity, stay what they are.
-    lower = np.where(planes[:3] == np.inf, np.inf, np.where(lower < -_FARTHEST, -np.inf, lower))
-    upper = np.where(planes[3:] == -np.inf, -np.inf, np.where(upper > _FARTHEST, np.inf, upper))
+    lower = np.where(planes[:3] == np.inf, np.inf, np.where(lower < -FARTHEST, -np.inf, lower))
+    upper = np.where(planes[3:] == -np.inf, -np.inf, np.where(upper > FARTHEST, np.inf, upper))
     return np.concatenate([lower, upper]).astype(np.float32)

@@ -2,7 +2,7 @@
 
 A bounding shape is a run of numbers: SIDES, the sides of an entry's box as functions of its inputs
 (`graph.sides`); BALL, a box of six numbers and a ball of four, which rotations do not make grow;
-CORNERS, their number and the points themselves.
+CORNERS, their number and the points themselves. SUPPORT: the kernel of the leaf itself.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.jit import njit
-from pcsg.vec import Affine
+from pcsg.leaf.dispatch import leaf_support
+from pcsg.vec import Affine, Vec3
 
-SIDES, BALL, CORNERS = range(3)
+SIDES, BALL, CORNERS, SUPPORT = range(4)
 
 PAD = 1e-9
 """Relative to the largest coordinate, for rounding."""
@@ -138,4 +139,24 @@ def bound_part(
     else:
         evaluate_sides(shapes, at, values, values_at, work)
         bound_box(m, work, 0, 0.0, 0.0, 0.0, shapes[at], box, 0)
+    pad_box(box)
+
+
+@njit
+def bound_by_support(
+    solid: int, m: Affine, args: NDArray[np.float64], at: int, box: NDArray[np.float64]
+) -> None:
+    """Write the box of a leaf that has a support kernel, padded outwards.
+
+    Parameters
+    ----------
+    solid
+        Its kind.
+    args, at
+        Its numbers.
+    """
+    for i in range(3):
+        x, y, z, shift = m[4 * i], m[4 * i + 1], m[4 * i + 2], m[4 * i + 3]
+        box[i] = shift - leaf_support(solid, Vec3(-x, -y, -z), args, at)
+        box[i + 3] = shift + leaf_support(solid, Vec3(x, y, z), args, at)
     pad_box(box)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,28 @@ class Spans:
     leaf_out: NDArray[np.int64]
     label_in: NDArray[np.int64]
     label_out: NDArray[np.int64]
+
+
+class RaySpans(NamedTuple):
+    """Inside intervals of some rays: which ray, and the columns of `Spans`."""
+
+    ray: NDArray[np.int64]
+    t_in: NDArray[np.float64]
+    t_out: NDArray[np.float64]
+    leaf_in: NDArray[np.int64]
+    leaf_out: NDArray[np.int64]
+    label_in: NDArray[np.int64]
+    label_out: NDArray[np.int64]
+
+
+def join_spans(n: int, parts: Iterable[Sequence[RaySpans]]) -> Spans:
+    """Return the intervals of n rays in their order; those of one ray are in order already."""
+    columns = [np.concatenate(c) for c in zip(*(p for part in parts for p in part), strict=True)]
+    if not columns:
+        columns = [np.zeros(0, np.int64), *np.zeros((2, 0)), *np.zeros((4, 0), np.int64)]
+    order = np.argsort(columns[0], kind="stable")
+    counts = np.bincount(columns[0], minlength=n)
+    return Spans(np.concatenate([[0], np.cumsum(counts)]), *(c[order] for c in columns[1:]))
 
 
 @dataclass(frozen=True)

@@ -295,8 +295,8 @@ def find_first(
             elif answer != MISS:
                 return answer
         if hit == HIT and want == ANY:
-            # Only a solid about the start could still hide it.
-            far = min(far, touch)
+            # Only a solid about the start could still hide it, which from infinity is anywhere.
+            far = min(far, touch) if touch > -math.inf else far
         if not found:
             while top > 0:
                 top -= 1

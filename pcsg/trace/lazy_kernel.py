@@ -390,8 +390,8 @@ def find_first_lazy(
                         lazy.cache, slot, book.width, slabs, near, far, scratch, at_level, top
                     )
         if hit == HIT and want == ANY:
-            # Only a solid about the start could still hide it.
-            far = min(far, touch)
+            # Only a solid about the start could still hide it, which from infinity is anywhere.
+            far = min(far, touch) if touch > -math.inf else far
         while top > 0 and entry_t[top - 1] > far:
             top -= 1
         if top == 0:

@@ -259,7 +259,7 @@ class _Writer:
             numbers = [x for corner in solid.corners for x in corner]
             return code, CORNERS, self._write_shape([float(len(solid.corners)), *numbers])
         extent = leaf_extent(node, list(part.ranges))
-        center, radius = solid.ball or _ball_of(extent.box)
+        center, radius = solid.ball or ball_of(extent.box)
         return code, BALL, self._write_shape([*extent.box, *center, radius])
 
     def _write_sources(self, exprs: Sequence[Expr]) -> int:
@@ -330,7 +330,7 @@ def _find_needed(
     return found[::-1]
 
 
-def _ball_of(box: Bounds) -> tuple[tuple[float, float, float], float]:
+def ball_of(box: Bounds) -> tuple[tuple[float, float, float], float]:
     """Return centre and radius of the ball around a box."""
     if not np.isfinite(box).all():
         return (0.0, 0.0, 0.0), float("inf")

@@ -8,8 +8,9 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS, ATTRIBUTE_SLOTS
 from pcsg.graph.graph import Graph
 from pcsg.graph.states import StateGraph
 from pcsg.leaf.registry import FIRST
@@ -28,15 +29,16 @@ from pcsg.trace.coverage import (
     make_space,
     measure,
 )
-from pcsg.trace.ends import NEVER
+from pcsg.trace.ends import MAX_DEPTH, NEVER
 from pcsg.trace.found import Found, FoundHits, make_found
 from pcsg.trace.groups import BLOCK, INSTANCE
-from pcsg.trace.hits import Hits
+from pcsg.trace.hits import Hits, RaySpans, Spans, join_spans
 from pcsg.trace.kernel import Cut
-from pcsg.trace.pool import pool_of
+from pcsg.trace.pool import ModelPool, pool_of
 from pcsg.trace.precision import Extent, extent_of
-from pcsg.trace.rays import Rays, check_values, run_chunks, shape_rays
+from pcsg.trace.rays import Rays, check_points, check_rays, check_values, run_chunks, shape_rays
 from pcsg.trace.simd import WIDTH
+from pcsg.trace.spanning import ROOM, contain_batch, span_batch
 from pcsg.trace.states_engine import StatesEngine
 from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, make_scratch
 from pcsg.trace.walker import Walker
@@ -48,6 +50,14 @@ where they are finite in number."""
 
 Floats = NDArray[np.float64]
 
+_SPANNED = 65_536
+"""Rays whose inside intervals are collected at a time."""
+
+_LABEL = ATTRIBUTE_SLOTS.index("@label")
+
+_MEASURED = 2_000
+"""Clusters that are measured, so that recursion can end there."""
+
 RAYS_IN_ALL = 300_000
 """Rays that measure what instances lead to, all together."""
 
@@ -57,7 +67,7 @@ class StatesTracer(StatesEngine):
 
     Parameters
     ----------
-    graph, states
+    blocks, models
         What is traced.
     walker
         Returns the walker, which answers what needs whole lists.
@@ -69,13 +79,12 @@ class StatesTracer(StatesEngine):
 
     def __init__(
         self,
-        graph: Graph,
-        states: StateGraph,
+        blocks: Blocks,
+        models: ModelPool,
         walker: Callable[[], Walker],
         threads: int | None = None,
     ) -> None:
-        models = pool_of(graph)
-        super().__init__(build_blocks(graph, states, models), models, walker, threads)
+        super().__init__(blocks, models, walker, threads)
         self._extent = extent_of(self.blocks.box)
 
     def _find_hits(self, rays: Rays, footprint: Footprint | None) -> Hits:
@@ -86,6 +95,92 @@ class StatesTracer(StatesEngine):
         if len(walked):
             hits.replace(walked, self.walker.find_surfaces(rays.take(walked)))
         return hits
+
+    @cached_property
+    def _may_shrink(self) -> bool:
+        """Return whether a frame might be below rounding, where modules are empty.
+
+        See docs/solids.md, ends of recursion. Blocks do not know how deep they are.
+        """
+        blocks = self.blocks
+        kinds = blocks.refs & 7
+        instances = _different(blocks.refs[kinds == INSTANCE] >> 3)
+        sizes = np.abs(blocks.inverses.reshape(-1, 12)).max(axis=1, initial=1.0)
+        nested = min(len(_different(blocks.targets[instances])), MAX_DEPTH)
+        steps = math.log2(4.0 * float(sizes[instances].max(initial=1.0))) * nested
+        return steps + math.log2(4.0 * float(sizes.max(initial=1.0))) > 50.0
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Find whether the solid contains points (N, 3)."""
+        places = check_rays(check_points(points), (0.0, 0.0, 1.0), -math.inf, math.inf).origins
+        if self._may_shrink:
+            return self.walker.contains(places)
+        answers = np.zeros(len(places), np.int8)
+
+        def work(begin: int, end: int) -> None:
+            scratch, _ = self._own()
+            root, extent = self.blocks.root, self._extent
+            contain_batch(
+                self._trees, self._pool, scratch, root, extent, places, begin, end, answers
+            )
+
+        run_chunks(len(places), self.threads, work, self._pace)
+        inside: NDArray[np.bool_] = answers == 1
+        walked = np.flatnonzero(answers == UNDECIDED)
+        if len(walked):
+            inside[walked] = self.walker.contains(places[walked])
+        return inside
+
+    def spans(self, origins: ArrayLike, directions: ArrayLike) -> Spans:
+        """Find all inside intervals of every ray, on the whole line."""
+        rays = check_rays(origins, directions, -math.inf, math.inf)
+        # Sheets are intervals of their own.
+        if self._may_shrink or self.blocks.leaves[2::4].any():
+            return self.walker.spans(rays.origins, rays.directions)
+        parts = [self._span(rays, k) for k in range(0, len(rays.origins), _SPANNED)]
+        return join_spans(len(rays.origins), parts)
+
+    def _span(self, rays: Rays, first: int) -> list[RaySpans]:
+        """Return the intervals of a part of the rays."""
+        own = slice(first, first + _SPANNED)
+        origins, directions = rays.origins[own], rays.directions[own]
+        n = len(origins)
+        counts = np.zeros(n, np.int64)
+        ends = np.zeros((n, 2 * ROOM))
+        records = np.zeros((n, 2 * ROOM), np.int32)
+
+        def work(begin: int, end: int) -> None:
+            scratch, _ = self._own()
+            span_batch(
+                self._trees,
+                self._pool,
+                scratch,
+                self.blocks.root,
+                self._extent,
+                self.blocks.box,
+                origins,
+                directions,
+                begin,
+                end,
+                counts,
+                ends.reshape(-1),
+                records.reshape(-1),
+            )
+
+        run_chunks(n, self.threads, work, self._pace)
+        used = np.arange(2 * ROOM) < counts[:, None]
+        leaf = self.blocks.nodes[records[used]]
+        table = self.blocks.attributes.reshape(-1, len(ATTRIBUTE_DEFAULTS))
+        label = table[records[used], _LABEL].astype(np.int64)
+        which = first + np.repeat(np.arange(n), np.maximum(counts, 0) // 2)
+        t = ends[used]
+        found = [RaySpans(which, t[::2], t[1::2], leaf[::2], leaf[1::2], label[::2], label[1::2])]
+        walked = np.flatnonzero(counts < 0)
+        if len(walked):
+            theirs = self.walker.spans(origins[walked], directions[walked])
+            rows = np.repeat(first + walked, np.diff(theirs.offsets))
+            found.append(RaySpans(rows, *(getattr(theirs, f) for f in RaySpans._fields[1:])))
+        return found
 
     def _find(
         self, rays: Rays, want: int, out: Any, footprint: Footprint | None
@@ -154,35 +249,49 @@ class StatesTracer(StatesEngine):
         instances = _different(blocks.refs[kinds == INSTANCE] >> 3)
         below = blocks.targets[instances]
         of_place = np.full(len(blocks.targets), NEVER, np.int32)
-        targets = _different(below).tolist()
+        uses = np.bincount(below)
+        # What stands in most places comes first, if there is too much of it.
+        targets = sorted(np.argsort(-uses, kind="stable")[: min(_MEASURED, (uses > 0).sum())])
         per_bin = int(np.clip(RAYS_IN_ALL // (BINS * max(1, len(targets))), 4, RAYS_PER_BIN))
         collected: list[Collected] = []
         for target in targets:
             box = _box_of(blocks, target)
             if np.isfinite(box).all() and (box[:3] <= box[3:]).all():
                 of_place[instances[below == target]] = len(collected)
-                collected.append(measure(box, self._sampler(target, box), target, per_bin))
+                collected.append(measure(box, self._sampler(target, box), int(target), per_bin))
         return Ends(gather_coverage(collected), of_place), _limit(blocks, of_place)
 
-    def _sampler(self, target: int, box: Floats) -> Callable[[Floats, Floats], Sampled]:
+    def _sampler(self, target: np.intp, box: Floats) -> Callable[[Floats, Floats], Sampled]:
         """Return what casts rays through a group, all of it."""
         extent = extent_of(box.reshape(2, 3))
 
         # Nothing ends here, but the kernel is the one that pictures need anyway.
         nowhere = np.full(len(self.blocks.targets), NEVER, np.int32)
-        ends, limits = Ends(gather_coverage([]), nowhere), _limit(self.blocks, nowhere)
+        ends = Ends(gather_coverage([]), nowhere)
+        limits = _Limits(np.full(3 * len(nowhere), np.inf), np.zeros(len(nowhere), np.bool_))
 
         def cast(origins: Floats, directions: Floats) -> Sampled:
             n = len(origins)
             wide = Footprint(np.zeros(n), np.zeros(n))
             out = make_found(n)
             rays = shape_rays(origins, directions, 0.0, math.inf)
-            answers = self._cast(rays, FIRST, out, wide, ends, target, extent, limits)
+            answers = self._cast(rays, FIRST, out, wide, ends, int(target), extent, limits)
             return Sampled(
                 answers == HIT, out.normal, np.zeros((n, 0)), out.record.astype(np.int64)
             )
 
         return cast
+
+
+def trace_states(
+    graph: Graph,
+    states: StateGraph,
+    walker: Callable[[], Walker],
+    threads: int | None = None,
+) -> StatesTracer:
+    """Return the tracer of a finite acyclic state graph."""
+    models = pool_of(graph)
+    return StatesTracer(build_blocks(graph, states, models), models, walker, threads)
 
 
 class _Limits(NamedTuple):
@@ -203,11 +312,13 @@ def _limit(blocks: Blocks, of_place: NDArray[np.int32]) -> _Limits:
     instances = kinds == INSTANCE
     number = np.where(instances, codes >> 3, 0)
     goes_on = np.zeros(len(never), dtype=bool)
+    outer, slots = np.nonzero(kinds == BLOCK)
+    inner = codes[outer, slots] >> 3
     while True:
         may_end = (instances & (~never | goes_on)[number]).any(axis=1)
-        # What a block leads to within its group has the larger number.
-        for block in reversed(range(len(codes))):
-            may_end[block] |= may_end[codes[block, kinds[block] == BLOCK] >> 3].any()
+        known = -1
+        while known < (known := int(may_end.sum())):
+            np.logical_or.at(may_end, outer, may_end[inner])
         before = goes_on.copy()
         goes_on[number[instances]] = may_end[blocks.targets[number[instances]]]
         if (goes_on == before).all():

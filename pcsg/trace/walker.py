@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -133,6 +133,8 @@ class Walker:
     states
         The graph's states, which tell the models of leaves with data; enumerated if they are
         needed and not given.
+    model_values
+        By node, the values that the numbers of such leaves take, where the states do not tell.
     """
 
     kernel: Any = trace_batch
@@ -148,6 +150,7 @@ class Walker:
         threads: int | None = None,
         max_bytes: int = 1 << 30,
         states: StateGraph | None = None,
+        model_values: Mapping[int, Collection[tuple[float, ...]]] | None = None,
     ) -> None:
         self.graph = graph
         if states is None and (boxes is None or any(map(_has_data, graph.nodes))):
@@ -156,7 +159,7 @@ class Walker:
             boxes = hyper_boxes(graph, values, states).boxes
         self._extent = extent_of(boxes[graph.number[graph.root]].reshape(2, 3))
         pool = pool_of(graph)
-        models = Models(_model_values(states), pool.place)
+        models = Models(model_values or _model_values(states), pool.place)
         self.tables, self._program = pack(graph, boxes, values, depth_limit, models)
         self.threads = threads or count_processors()
         self._max_bytes = max_bytes

@@ -6,6 +6,7 @@ import random
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from driver import Subject
 from mutations import NUMBERS, spoil_text
 
@@ -124,7 +125,9 @@ def run(text: str, _folder: Path) -> None:
             for kind in SETTINGS:
                 scene.setting_values(kind)
         lower, upper = scene.bounds
-        for target in ((lower + upper) / 2, [0.1, 0.2, 0.3]):
+        # Of what is empty they are infinite.
+        middle = (lower + upper) / 2 if np.isfinite([lower, upper]).all() else np.zeros(3)
+        for target in (middle, [0.1, 0.2, 0.3]):
             target = [x if abs(x) < 1e30 else 0.0 for x in target]
             scene.intersect([[5.0, 6.0, 7.0], target], [[t - 5.5 for t in target], [0.2, 0.1, 1.0]])
             scene.occluded([[5.0, 6.0, 7.0]], [[-1.0, -1.1, -1.2]])

@@ -101,7 +101,7 @@ def union_box(graph: Graph) -> tuple[Vector, Vector]:
             for leaf in oracle.leaves(graph):
                 row = leaf.frame[axis]
                 d = Vec3(*(sign * x for x in row[:3]))
-                support = LEAVES[leaf.name].support(d, leaf.args)
+                support = LEAVES[leaf.name].support_of(d, leaf.args)
                 best = max(best, sign * row[3] + support)
             ends.append(sign * best)
     return (ends[0], ends[1], ends[2]), (ends[3], ends[4], ends[5])

@@ -30,7 +30,7 @@ class Subject:
         return self.solid.bounds_of(args)
 
     def support(self, direction: Vec3, args: Sequence[float]) -> float:
-        return self.solid.support(direction, args)
+        return self.solid.support_of(direction, args)
 
     def arguments(self, args: Sequence[float]) -> Any:
         """Return the kernel arguments, which begin at 1."""

@@ -103,7 +103,7 @@ def test_boxes_include_the_tolerance(name: str) -> None:
             assert box.lower[0] <= x <= box.upper[0]
             assert box.lower[1] <= y <= box.upper[1]
             for d in ((1.0, 0.0, 0.0), (-1.0, 0.3, 0.0), (0.7, 0.7, 0.0), (0.0, -1.0, 2.0)):
-                assert x * d[0] + y * d[1] <= solid.support(d, ()) + 1e-14
+                assert x * d[0] + y * d[1] <= solid.support_of(d, ()) + 1e-14
     assert 500 < met < 2500
 
 

@@ -25,6 +25,7 @@ from pcsg.graph.sides import entry_sides
 from pcsg.scene import Scene
 from pcsg.trace.coverage import Footprint
 from pcsg.trace.lazy import LazyTracer
+from pcsg.trace.tracer import StatesTracer
 from pcsg.trace.walker import Walker
 
 GRAMMARS = Path(__file__).parents[2] / "grammars"
@@ -116,20 +117,22 @@ def test_as_the_walker(name: str, values: Mapping[str, float]) -> None:
 
 
 def test_a_scene_takes_lazy_states_where_there_are_too_many() -> None:
-    scene = Scene(plant(12))
+    scene = Scene(plant(12), block_memory=1 << 20)
     assert isinstance(scene.tracer, LazyTracer) and scene.engine == "states"
     stats = scene.stats()
-    assert stats["states"] is None and stats["stored_states"] > 1_000
-    assert stats["bytes"]["store"] <= 17 << 20
+    assert stats["states"] is None and stats["stored_states"] > 100
+    assert stats["bytes"]["store"] <= 2 << 20
     assert isinstance(Scene(plant(12), engine="cyclic").tracer, Walker)
 
 
 def test_what_cannot_be_made_on_demand_is_walked_and_says_why() -> None:
     text = PLANT.replace("color(0.2", "(box & uscale(rand(s,8)+0.5) sphere) | color(0.2") % 13
-    scene = Scene(load_text(text))
+    scene = Scene(load_text(text), block_memory=0)
     assert isinstance(scene.tracer, Walker)
     with pytest.raises(UsageError, match="an operation"):
-        Scene(load_text(text), engine="states")
+        Scene(load_text(text), engine="states", block_memory=0)
+    # Where memory has room, there is nothing to be made on demand.
+    assert isinstance(Scene(load_text(text)).tracer, StatesTracer)
 
 
 def test_what_leads_back_to_itself_is_walked_and_says_why() -> None:

@@ -174,9 +174,11 @@ def test_models_whose_parameters_cannot_be_enumerated() -> None:
 
     found = enumerate_states(endless(lambda c: 1.0 + c % 3.0), budget=50)
     assert not found.finite
-    assert [d.code for d in found.diagnostics] == ["too-many-models"] * 2
-    assert "more values than can be enumerated" in found.diagnostics[0].message
-    assert enumerate_states(endless(lambda c: 1.0), budget=50).diagnostics == []
+    assert [d.code for d in found.unknown_models] == ["too-many-models"] * 2
+    assert "more values than can be enumerated" in found.unknown_models[0].message
+    assert enumerate_states(endless(lambda c: 1.0), budget=50).unknown_models == []
+    with pytest.raises(GrammarError, match="too-many-models"):
+        Scene(endless(lambda c: 1.0 + c % 3.0), block_memory=0)
 
 
 def test_what_a_model_refuses_is_a_fault_of_its_line() -> None:

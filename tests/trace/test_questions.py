@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import pcsg
 from pcsg.trace import rays as batches
+from pcsg.trace.tracer import Engine
 
 GRAMMARS = Path(__file__).parent.parent.parent / "grammars"
 
@@ -115,3 +117,11 @@ def test_threads_keep_their_working_space() -> None:
     for _ in range(5):
         scene.intersect(*rays)
     assert len(scene.tracer._scratches) <= 2  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("engine", ["cyclic", "states"])
+def test_from_infinity_a_solid_without_end_hides_what_is_in_it(engine: Engine) -> None:
+    scene = pcsg.loads("{} torus(0.2) | rotx(90) halfspace", engine=engine)
+    ray = [[0.0, 0.0, 0.0]], [[0.5, 0.0, 0.0]], -math.inf, math.inf
+    assert scene.intersect(*ray).leaf[0] == -1
+    assert not scene.occluded(*ray)[0]

@@ -1,0 +1,287 @@
+"""Expanding a graph: its table of states, as far as memory allows."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.errors import Diagnostic, UsageError
+from pcsg.graph.expr import Number
+from pcsg.graph.faults import TOO_MANY_MODELS, fault_diagnostic
+from pcsg.graph.graph import Graph
+from pcsg.graph.nodes import Leaf
+from pcsg.graph.states import State, StateGraph
+from pcsg.graph.unroll import MODELS_BYTES, MODELS_LIMIT, find_faults
+from pcsg.trace.expand.clusters import order_states
+from pcsg.trace.expand.programs import L_ARGS, LEAF_FIELDS, Programs, ProgramWriter
+from pcsg.trace.expand.table import (
+    COUNTERS,
+    DONE,
+    F_STATE,
+    FAULT,
+    FULL,
+    LEAF,
+    N_ITEMS,
+    N_MATRICES,
+    N_NUMBERS,
+    N_STATES,
+    N_VALUES,
+    N_WAITING,
+    STATE,
+    Table,
+    Work,
+    fill_table,
+    rehash,
+)
+from pcsg.trace.pool import ModelPool
+
+SLICE = 20_000
+"""States that are made before control returns to Python, where Ctrl-C is seen."""
+
+LEAF_BYTES = 256
+"""Bytes of a leaf that stands in one place only, about."""
+
+_EARLY = 100_000
+"""States after which the expansion looks ahead."""
+
+_PER_STATE = ("program", "module", "parent", "first", "last", "values_at", "waiting")
+_PER_ITEM = ("kind", "target", "matrix", "numbers_at", "end")
+
+
+class TooLarge(Exception):
+    """The expansion needs more memory than it may take."""
+
+
+class Expansion:
+    """The states of a graph, all of them.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    values
+        Values of the global parameters.
+    models
+        Receives the models of leaves with data.
+    max_bytes
+        Of the table of states.
+    leaves
+        Returns how many leaves the whole derivation has, None where that is not known. Where
+        hardly any states are alike, it tells early that there will be too many.
+
+    Attributes
+    ----------
+    programs, table
+        The rule programs, and the states that they lead to.
+    order : int32 (N,)
+        The states, each after those that it contains; None where one contains itself.
+    diagnostics
+        A fault that was met; the table is not complete then.
+    model_values
+        By node, the values that the numbers of leaves with data take.
+
+    Raises
+    ------
+    TooLarge
+        The table needs more memory.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        values: Mapping[str, float],
+        models: ModelPool,
+        max_bytes: int,
+        leaves: Callable[[], int | None] = lambda: None,
+    ) -> None:
+        self.graph = graph
+        self.values = values
+        self.diagnostics: list[Diagnostic] = []
+        self.model_values: dict[int, list[tuple[float, ...]]] = {}
+        self.order: NDArray[np.int32] | None = None
+        self._writer = ProgramWriter(graph, models)
+        self.programs = self._writer.write()
+        self.table = _make_table(self.programs)
+        self._leaves = leaves
+        if self._fill(max_bytes) and self._make_models():
+            n = self.n_states
+            order = np.zeros(n, np.int32)
+            found = order_states(
+                self.table, order, np.zeros(n, np.int32), np.zeros(2 * n + 2, np.int32)
+            )
+            self.order = order if found < 0 else None
+
+    @property
+    def n_states(self) -> int:
+        """Number of states, with the axiom."""
+        return int(self.table.counters[N_STATES])
+
+    @property
+    def n_items(self) -> int:
+        """Number of items of all states."""
+        return int(self.table.counters[N_ITEMS])
+
+    def take_items(self) -> Table:
+        """Return the table, whose states can no longer be told apart: their values are given up."""
+        nothing = np.zeros(1, np.int32)
+        self.table = self.table._replace(
+            program=nothing,
+            module=nothing,
+            parent=nothing,
+            values_at=nothing,
+            values=np.zeros(1),
+            slots=nothing,
+            waiting=nothing,
+        )
+        return self.table
+
+    def _fill(self, max_bytes: int) -> bool:
+        """Make all states; return False where a fault was met."""
+        programs = self.programs
+        work = Work(
+            params=np.zeros(programs.n_slots),
+            initial=np.array(self._writer.code.initial(self.values)),
+            saved=np.zeros(programs.n_saved + 1),
+            matrices=np.zeros(12 * (programs.n_matrices + 1)),
+            stack=np.zeros(programs.n_stack),
+            open=np.zeros(programs.n_operations + 1, np.int32),
+        )
+        looked = False
+        while True:
+            status = fill_table(
+                programs, self.table, self.table.values.view(np.uint64), work, SLICE
+            )
+            if status == DONE:
+                return True
+            if status == FAULT:
+                self._report(int(self.table.counters[F_STATE]))
+                return False
+            if status == FULL:
+                self.table = _grow(programs, self.table)
+                if sum(a.nbytes for a in self.table) > max_bytes:
+                    raise TooLarge
+            elif not looked and self.n_states > _EARLY:
+                looked = True
+                self._look_ahead(max_bytes)
+
+    def _look_ahead(self, max_bytes: int) -> None:
+        """Give up where no states are alike, and the derivation has too many leaves."""
+        met = np.count_nonzero(self.table.kind[: self.n_items] == STATE)
+        if met < 1.05 * self.n_states:
+            leaves = self._leaves()
+            if leaves is not None and leaves * LEAF_BYTES > max_bytes:
+                raise TooLarge
+
+    def _make_models(self) -> bool:
+        """Make the models that depend on the place, each a leaf of its own; False for a fault."""
+        table = self.table
+        items = self.n_items
+        made: Counter[int] = Counter()
+        total = 0
+        for leaf in self._writer.varying:
+            count = int(self.programs.leaves[LEAF_FIELDS * leaf + L_ARGS])
+            here = np.flatnonzero((table.kind[:items] == LEAF) & (table.target[:items] == leaf))
+            rows = table.numbers[table.numbers_at[here][:, None] + np.arange(count)]
+            known: dict[tuple[float, ...], int] = {}
+            for item, row in zip(here.tolist(), rows.tolist(), strict=True):
+                args = tuple(row)
+                if args not in known:
+                    made[leaf] += 1
+                    try:
+                        known[args] = self._writer.add_model(leaf, args)
+                    except UsageError:
+                        self._report(self._state_of(item))
+                        return False
+                    node = self.graph.nodes[self._writer.leaf_nodes[leaf]]
+                    total += node.model(args).data.nbytes  # type: ignore[attr-defined]
+                    if sum(made.values()) > MODELS_LIMIT or total > MODELS_BYTES:
+                        self._refuse_models(item, leaf)
+                        return False
+                table.target[item] = known[args]
+            self.model_values.setdefault(self._writer.leaf_nodes[leaf], []).extend(known)
+        for n in self._writer.leaf_nodes:
+            node = self.graph.nodes[n]
+            if isinstance(node, Leaf) and node.constants and n not in self.model_values:
+                args = tuple(arg.value for arg in node.args if isinstance(arg, Number))
+                self.model_values[n] = [args]
+        if made:
+            self.programs = self._writer.with_leaves(self.programs)
+        return True
+
+    def _refuse_models(self, item: int, leaf: int) -> None:
+        """Report that there are too many models."""
+        chain = self._chain(self._state_of(item))
+        node = self._writer.leaf_nodes[leaf]
+        detail = f"its parameters take more than {MODELS_LIMIT} different values"
+        path = StateGraph(self.graph, chain).path(len(chain) - 1)
+        self.diagnostics.append(
+            fault_diagnostic(TOO_MANY_MODELS, self.graph, node, None, path, {}, detail)
+        )
+
+    def _state_of(self, item: int) -> int:
+        """Return the state that an item belongs to."""
+        n = self.n_states
+        first, last = self.table.first[:n], self.table.last[:n]
+        return int(np.flatnonzero((first <= item) & (item < last))[0])
+
+    def _report(self, state: int) -> None:
+        """Have the reference tell what is wrong with a state."""
+        self.diagnostics += find_faults(self.graph, self.values, self._chain(state))
+
+    def _chain(self, state: int) -> list[State]:
+        """Return the states that lead to a state, from the axiom down."""
+        table = self.table
+        numbers = [state]
+        while numbers[-1] > 0:
+            numbers.append(int(table.parent[numbers[-1]]))
+        chain = [State(0, 0, 0, (), -1)]
+        for k, s in enumerate(numbers[-2::-1]):
+            node, rule, start = self._writer.link_of(int(table.module[s]), int(table.program[s]))
+            values = table.values[table.values_at[s] : table.values_at[s + 1]]
+            chain.append(State(node, rule, start, tuple(values.tolist()), k))
+        return chain
+
+
+def _make_table(programs: Programs) -> Table:
+    n, m = 1_024 + 2 * programs.n_items, 2_048 + 2 * programs.n_items
+    sizes = dict.fromkeys(_PER_STATE, n) | dict.fromkeys(_PER_ITEM, m)
+    arrays: dict[str, Any] = {name: np.zeros(size, np.int32) for name, size in sizes.items()}
+    table = Table(
+        **arrays,
+        values=np.zeros(2 * (programs.n_items + 1) * programs.n_slots + 8 * n),
+        slots=np.full(1 << (4 * n).bit_length(), -1, np.int32),
+        matrices=np.zeros(12 * m),
+        numbers=np.zeros(programs.n_items * 64 + 16 * m),
+        counters=np.zeros(COUNTERS, np.int64),
+    )
+    table.module[0] = table.parent[0] = -1
+    table.counters[N_STATES] = table.counters[N_WAITING] = 1
+    return table
+
+
+def _grow(programs: Programs, table: Table) -> Table:
+    """Return a table with twice the room where there is little left."""
+    c = table.counters
+    used = {
+        **dict.fromkeys(_PER_STATE, int(c[N_STATES])),
+        **dict.fromkeys(_PER_ITEM, int(c[N_ITEMS])),
+        "matrices": 12 * int(c[N_MATRICES]),
+        "numbers": int(c[N_NUMBERS]),
+        "values": int(c[N_VALUES]),
+    }
+    arrays: dict[str, Any] = table._asdict()
+    for name, n in used.items():
+        if 3 * n > len(arrays[name]):
+            array = np.zeros(2 * len(arrays[name]), arrays[name].dtype)
+            array[: len(arrays[name])] = arrays[name]
+            arrays[name] = array
+    if 3 * used["program"] > len(table.slots):
+        arrays["slots"] = np.full(2 * len(table.slots), -1, np.int32)
+        grown = Table(**arrays)
+        rehash(programs, grown, grown.values.view(np.uint64))
+        return grown
+    return Table(**arrays)

@@ -1,0 +1,226 @@
+"""Flattening: states become hierarchies of references, cluster by cluster.
+
+Every cluster is flattened into a list of references in the order of the text, each with its matrix
+to the cluster's frame and its box; then the hierarchy over the list is built. Clusters come after
+those that they refer to, so that the boxes of instances are those of what they lead to.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.graph.operators import UNION
+from pcsg.jit import njit
+from pcsg.trace.accel.build import BuildWork, Hierarchies, begin_hierarchy, build_block
+from pcsg.trace.expand.boxes import bound_instance, bound_item, bound_leaf
+from pcsg.trace.expand.clusters import CLUSTER, Sizes, count_operands, is_small
+from pcsg.trace.expand.layout import (
+    AT_FIRST,
+    AT_LIST,
+    AT_PARTS,
+    AT_PHASE,
+    AT_ROW,
+    AT_RUNS,
+    AT_STATE,
+    AT_UNBOUNDED,
+    N_BLOCKS,
+    N_LISTS,
+    N_OPERATIONS,
+    N_ROWS,
+    Layout,
+    LayoutWork,
+    add_list,
+    item_matrix,
+    write_row,
+)
+from pcsg.trace.expand.opening import open_list
+from pcsg.trace.expand.programs import Programs
+from pcsg.trace.expand.records import find_record, write_operation, write_small
+from pcsg.trace.expand.table import LEAF, OPERATION, STATE, Table
+from pcsg.trace.groups import INSTANCE as INSTANCE_REF
+from pcsg.trace.groups import LEAF as LEAF_REF
+from pcsg.trace.groups import OPERATION as OPERATION_REF
+from pcsg.trace.groups import SMALL as SMALL_REF
+from pcsg.vec import IDENTITY, invert, load_affine, store_affine
+
+_UNION = UNION.kind
+
+
+_NEXT_STATE, _NEXT_LIST, _FLATTEN, _OPEN, _BUILD = range(5)
+"""Phases of a layout."""
+
+
+@njit(entry=True)
+def lay_out(
+    programs: Programs,
+    table: Table,
+    sizes: Sizes,
+    order: NDArray[np.int32],
+    limit: int,
+    root_limit: int,
+    layout: Layout,
+    out: Hierarchies,
+    work: LayoutWork,
+    build: BuildWork,
+    most: int,
+) -> int:
+    """Go on with the layout of the clusters, in the order of the states.
+
+    Parameters
+    ----------
+    limit, root_limit
+        References up to which lists are opened, and the axiom's.
+    most
+        Work until it returns: about the number of references.
+
+    Returns
+    -------
+    int
+        1 when all is done, else 0.
+    """
+    c = layout.counters
+    boxes = layout.boxes
+    while most > 0:
+        phase = c[AT_PHASE]
+        if phase == _NEXT_STATE:
+            if c[AT_STATE] == len(order):
+                return 1
+            s = order[c[AT_STATE]]
+            most -= 1
+            # An axiom that is empty has an empty block.
+            if sizes.flags[s] & CLUSTER and (sizes.leaves[s] > 0.0 or s == 0):
+                c[AT_FIRST] = c[AT_LIST] = c[N_LISTS]
+                layout.list_of[s] = add_list(layout, table.first[s], table.last[s])
+                c[AT_PHASE] = _NEXT_LIST
+            else:
+                c[AT_STATE] += 1
+        elif phase == _NEXT_LIST:
+            # Operands have become lists of their own while others were flattened.
+            if c[AT_LIST] < c[N_LISTS]:
+                _begin_list(table, sizes, layout, work, c[AT_LIST])
+                c[AT_PHASE] = _FLATTEN
+            else:
+                c[AT_LIST] = c[AT_FIRST]
+                c[AT_PHASE] = _OPEN
+        elif phase == _FLATTEN:
+            most = _flatten(programs, table, sizes, layout, out, work, most)
+            if c[AT_RUNS] == 0:
+                layout.list_end[c[AT_LIST]] = c[AT_ROW]
+                c[AT_LIST] += 1
+                c[AT_PHASE] = _NEXT_LIST
+        elif phase == _OPEN:
+            if c[AT_LIST] == c[N_LISTS]:
+                c[AT_STATE] += 1
+                c[AT_PHASE] = _NEXT_STATE
+                continue
+            k = c[AT_LIST]
+            is_root = order[c[AT_STATE]] == 0 and k == c[AT_FIRST]
+            up_to = root_limit if is_root else limit
+            row, end = open_list(programs, table, sizes, layout, out, work, k, up_to)
+            layout.list_block[k] = c[N_BLOCKS]
+            parts, unbounded = begin_hierarchy(boxes, row, end - row, c[N_BLOCKS], build)
+            c[AT_PARTS], c[AT_UNBOUNDED] = parts, unbounded
+            c[N_BLOCKS] += 1
+            c[AT_PHASE] = _BUILD
+            most -= end - row
+        elif c[AT_PARTS] > 0:
+            top = 4 * (c[AT_PARTS] - 1)
+            most -= build.stack[top + 1] - build.stack[top]
+            c[N_BLOCKS], c[AT_PARTS] = build_block(
+                boxes, layout.codes, out, c[N_BLOCKS], c[AT_PARTS], c[AT_UNBOUNDED], build
+            )
+        else:
+            c[AT_LIST] += 1
+            c[AT_PHASE] = _OPEN
+    return 0
+
+
+@njit
+def _begin_list(table: Table, sizes: Sizes, layout: Layout, work: LayoutWork, k: int) -> None:
+    """Put the items of a list on the stack, and keep room for its references."""
+    c = layout.counters
+    layout.list_first[k] = c[AT_ROW] = c[N_ROWS]
+    i = layout.list_item[k]
+    while i < layout.list_item_end[k]:
+        c[N_ROWS] += sizes.refs_of[i]
+        i = table.end[i]
+    work.frames[0], work.frames[1] = layout.list_item[k], layout.list_item_end[k]
+    store_affine(work.frame_matrices, 0, IDENTITY)
+    c[AT_RUNS] = 1
+
+
+@njit
+def _flatten(
+    programs: Programs,
+    table: Table,
+    sizes: Sizes,
+    layout: Layout,
+    out: Hierarchies,
+    work: LayoutWork,
+    most: int,
+) -> int:
+    """Write references of the present list; return how much work is left to do before returning."""
+    frames, matrices = work.frames, work.frame_matrices
+    row, top = layout.counters[AT_ROW], layout.counters[AT_RUNS]
+    while top > 0 and most > 0:
+        i, end = frames[2 * top - 2], frames[2 * top - 1]
+        if i >= end:
+            top -= 1
+            continue
+        most -= 1
+        frames[2 * top - 2] = table.end[i]
+        if sizes.leaves_of[i] == 0.0:
+            continue
+        kind, target = table.kind[i], table.target[i]
+        outer = load_affine(matrices, 12 * (top - 1))
+        if kind == LEAF:
+            m = item_matrix(table, i, outer)
+            bound_leaf(programs, table, i, m, work)
+            record = find_record(programs, table, layout, work, i)
+            write_row(layout, row, LEAF_REF, record, i, m, work.box)
+            row += 1
+        elif kind == STATE and sizes.flags[target] & CLUSTER:
+            m = item_matrix(table, i, outer)
+            number = layout.list_of[target]
+            bound_instance(programs, table, layout, out, work, number, m)
+            write_row(layout, row, INSTANCE_REF, number, i, m, work.box)
+            row += 1
+        elif kind == OPERATION and target != _UNION and count_operands(table, sizes, i) > 1:
+            if is_small(sizes, i):
+                code, at = SMALL_REF, write_small(programs, table, sizes, layout, work, i)
+            else:
+                code, at = OPERATION_REF, write_operation(table, sizes, layout, i)
+            bound_item(programs, table, sizes, layout, out, work, i, outer)
+            write_row(layout, row, code, at, i, outer, work.box)
+            row += 1
+        else:
+            # A state or a union that is flattened. What is done with does not stay on the stack.
+            if frames[2 * top - 2] >= end:
+                top -= 1
+            if kind == STATE:
+                frames[2 * top], frames[2 * top + 1] = table.first[target], table.last[target]
+                outer = item_matrix(table, i, outer)
+            else:
+                frames[2 * top], frames[2 * top + 1] = i + 1, table.end[i]
+            store_affine(matrices, 12 * top, outer)
+            top += 1
+    layout.counters[AT_ROW], layout.counters[AT_RUNS] = row, top
+    return most
+
+
+@njit(entry=True)
+def finish_layout(layout: Layout) -> None:
+    """Turn matrices about, and lists into their first blocks."""
+    counters = layout.counters
+    for row in range(counters[N_ROWS]):
+        inverse, _ = invert(load_affine(layout.matrices, 12 * row))
+        store_affine(layout.matrices, 12 * row, inverse)
+        if layout.codes[row] & 7 == INSTANCE_REF:
+            layout.targets[row] = layout.list_block[layout.targets[row]]
+    at = 0
+    while at < counters[N_OPERATIONS]:
+        n = layout.operations[at + 1]
+        for k in range(n):
+            layout.operations[at + 3 + k] = layout.list_block[layout.operations[at + 3 + k]]
+        at += 3 + n

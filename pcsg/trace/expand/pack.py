@@ -1,0 +1,188 @@
+"""From a table of states to blocks."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
+from pcsg.trace import blocks as opening
+from pcsg.trace.accel.build import Hierarchies, make_build_work
+from pcsg.trace.blocks import Blocks
+from pcsg.trace.expand.clusters import (
+    CLUSTER,
+    Sizes,
+    choose_clusters,
+    count_leaves,
+    make_sizes,
+    measure_states,
+)
+from pcsg.trace.expand.expansion import Expansion
+from pcsg.trace.expand.flatten import finish_layout, lay_out
+from pcsg.trace.expand.layout import (
+    COUNTERS,
+    N_ARGS,
+    N_BLOCKS,
+    N_OPERATIONS,
+    N_RECORDS,
+    N_ROWS,
+    N_SMALLS,
+    N_TABLES,
+    Layout,
+    LayoutWork,
+)
+from pcsg.trace.expand.table import LEAF, N_ATTRIBUTES, N_NUMBERS, Table
+from pcsg.trace.simd import WIDTH
+
+SLICE = 20_000
+"""References that are laid out before control returns to Python, where Ctrl-C is seen."""
+
+_HEAP = 4_096
+"""Entries of a search for a support; with more, its bound stands."""
+
+
+class Packed(NamedTuple):
+    """An expansion, packed.
+
+    Attributes
+    ----------
+    blocks
+        Its blocks.
+    bounded : float64 (2, 3)
+        Box about all that is bounded; lower above upper where nothing is.
+    leaves : float
+        Leaves of the whole expansion.
+    clusters : int
+        Clusters that several instances may share, with the axiom's.
+    """
+
+    blocks: Blocks
+    bounded: NDArray[np.float64]
+    leaves: float
+    clusters: int
+
+
+def pack_expansion(expansion: Expansion) -> Packed:
+    """Return the blocks of an expansion without cycles; it is used up."""
+    programs, table, order = expansion.programs, expansion.take_items(), expansion.order
+    if order is None:
+        raise ValueError("a state contains itself")
+    sizes = make_sizes(expansion.n_states, expansion.n_items)
+    count_leaves(programs, table, sizes, order)
+    choose_clusters(table, sizes, order)
+    measure_states(table, sizes, order)
+    clusters = np.flatnonzero((sizes.flags & CLUSTER) != 0)
+    lists = int(sizes.lists[clusters].sum()) + len(clusters)
+    limit = min(opening.OPEN_GROUP, opening.OPEN_TOTAL // len(clusters))
+    whole = sizes.leaves[0]
+    root_limit = max(opening.OPEN_ROOT, int(whole) if whole <= opening.OPEN_WHOLE else 0)
+    # Lists with instances are written a second time where they are opened.
+    shared = limit * lists + root_limit if len(clusters) > 1 else 0
+    rows = int(sizes.rows[clusters].sum()) + shared
+    layout = _make_layout(expansion, sizes, clusters, rows, lists)
+    blocks = rows // 2 + 2 * lists + 2
+    out = Hierarchies(np.empty(6 * WIDTH * blocks, np.float32), np.empty(WIDTH * blocks, np.int32))
+    depth = int(max(sizes.depth.max(), sizes.depth_of.max(initial=0))) + 4
+    work = _make_work(depth, max(root_limit, limit), table)
+    build = make_build_work(rows)
+    arrays = programs, table, sizes, order, limit, root_limit, layout, out, work, build
+    while not lay_out(*arrays, SLICE):
+        pass
+    finish_layout(layout)
+    return _collect(layout, out, whole, len(clusters))
+
+
+def _make_layout(
+    expansion: Expansion, sizes: Sizes, clusters: NDArray[np.intp], rows: int, lists: int
+) -> Layout:
+    table, whole = expansion.table, np.int32
+    leaves = int(np.count_nonzero(table.kind[: expansion.n_items] == LEAF))
+    numbers = int(sizes.numbers[clusters].sum()) + 1
+    rows = max(1, rows)
+    # Pages that nobody writes to take no memory.
+    return Layout(
+        matrices=np.empty(12 * rows),
+        targets=np.empty(rows, whole),
+        codes=np.empty(rows, whole),
+        items=np.empty(rows, whole),
+        boxes=np.empty(6 * rows),
+        list_first=np.empty(lists, whole),
+        list_end=np.empty(lists, whole),
+        list_block=np.empty(lists, whole),
+        list_item=np.empty(lists, whole),
+        list_item_end=np.empty(lists, whole),
+        list_of=np.full(expansion.n_states, -1, whole),
+        record_of=np.full(expansion.n_items, -1, whole),
+        record_slots=np.full(1 << (2 * leaves + 2).bit_length(), -1, whole),
+        record_item=np.empty(leaves + 1, whole),
+        leaves=np.zeros(4 * (leaves + 1), whole),
+        args=np.empty(int(table.counters[N_NUMBERS]) + 3 * leaves + 1),
+        attributes=np.empty(N_ATTRIBUTES * (leaves + 1)),
+        smalls=np.empty(numbers, whole),
+        tables=np.empty(rows + 1, np.uint64),
+        operations=np.empty(numbers, whole),
+        counters=np.zeros(COUNTERS, np.int64),
+    )
+
+
+def _make_work(depth: int, most: int, table: Table) -> LayoutWork:
+    return LayoutWork(
+        frames=np.zeros(2 * depth, np.int32),
+        frame_matrices=np.zeros(12 * depth),
+        bound_frames=np.zeros(3 * depth, np.int32),
+        bound_matrices=np.zeros(12 * depth),
+        small_frames=np.zeros(5 * depth, np.int32),
+        small_matrices=np.zeros(12 * depth),
+        truths=np.zeros(64, np.uint64),
+        accumulated=np.zeros(12 * depth),
+        heap=np.zeros(5 * _HEAP),
+        heap_codes=np.zeros(_HEAP, np.int32),
+        opened_rows=np.zeros(2 * most, np.int32),
+        opened_next=np.zeros(2 * most, np.int32),
+        opened_matrices=np.zeros(24 * most),
+        opened_areas=np.zeros(2 * most),
+        bits=table.numbers.view(np.uint64),
+        box=np.zeros(6),
+        sides=np.zeros(6),
+        defaults=np.array(ATTRIBUTE_DEFAULTS),
+    )
+
+
+def _collect(layout: Layout, out: Hierarchies, leaves: float, clusters: int) -> Packed:
+    """Return what was laid out, cut to its size."""
+
+    def used(array: NDArray[Any], counter: int, each: int = 1) -> NDArray[Any]:
+        part = array[: each * max(1, int(layout.counters[counter]))]
+        return part if 10 * len(part) > 9 * len(array) else part.copy()
+
+    rows, records = int(layout.counters[N_ROWS]), int(layout.counters[N_RECORDS])
+    boxes = layout.boxes[: 6 * rows].reshape(-1, 6)
+    root = layout.list_of[0]
+    own = boxes[layout.list_first[root] : layout.list_end[root]]
+    bounded = own[np.isfinite(own).all(axis=1)]
+    attributes = layout.attributes[: N_ATTRIBUTES * records]
+    blocks = Blocks(
+        boxes=used(out.boxes, N_BLOCKS, 6 * WIDTH),
+        refs=used(out.refs, N_BLOCKS, WIDTH),
+        inverses=used(layout.matrices, N_ROWS, 12),
+        targets=used(layout.targets, N_ROWS),
+        leaves=used(layout.leaves, N_RECORDS, 4),
+        args=used(layout.args, N_ARGS),
+        attributes=np.concatenate([attributes, np.array(ATTRIBUTE_DEFAULTS)]),
+        nodes=np.append(layout.leaves[3 : 4 * records : 4], -1).astype(np.int64),
+        operations=used(layout.operations, N_OPERATIONS),
+        smalls=used(layout.smalls, N_SMALLS),
+        tables=used(layout.tables, N_TABLES),
+        ref_boxes=boxes.astype(np.float32).ravel() if rows else np.zeros(6, np.float32),
+        root=int(layout.list_block[root]),
+        box=_hull(own) if len(own) else np.zeros((2, 3)),
+    )
+    return Packed(blocks, _hull(bounded), leaves, clusters)
+
+
+def _hull(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the box (2, 3) about boxes (N, 6); lower above upper about none."""
+    lower = boxes[:, :3].min(axis=0, initial=np.inf)
+    return np.array([lower, boxes[:, 3:].max(axis=0, initial=-np.inf)])

@@ -1,0 +1,160 @@
+"""Points and whole lines through blocks, by repeated questions: membership, inside intervals.
+
+What questions cannot tell, such as sheets under an operation or a point on a surface, is left to
+the walker.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.indices import wide
+from pcsg.jit import njit
+from pcsg.leaf.registry import Pool
+from pcsg.trace.groups import BLOCK
+from pcsg.trace.owner import find_owner
+from pcsg.trace.precision import Extent, load_precision, precision_of, tolerance
+from pcsg.trace.question import ask
+from pcsg.trace.traversal import PATH, PRECISION, UNDECIDED, Scratch, Trees, store_precision
+from pcsg.vec import Ray
+
+ROOM = 16
+"""Intervals of one ray; rays that have more are left to the walker."""
+
+_NOBODY = 2
+
+_NEAR = 1e-12
+"""How near to a surface, in parts of `Extent.reach`, questions do not tell of a point."""
+
+_X, _Y, _Z = 0.5377, 0.7312, 0.4191
+"""Where a point is asked along, with all pairs of signs: no directions that faces are likely to
+have, and one of them runs into a corner that the point may be in."""
+
+
+@njit(entry=True)
+def contain_batch(
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    root: int,
+    extent: Extent,
+    points: NDArray[np.float64],
+    begin: int,
+    end: int,
+    answers: NDArray[np.int8],
+) -> None:
+    """Write 1 for points that the solid contains, 0 for others, UNDECIDED near surfaces."""
+    for i in range(begin, end):
+        x, y, z = points[i]
+        answer = _NOBODY
+        for way in range(4):
+            dx, dy = _X if way & 1 else -_X, _Y if way & 2 else -_Y
+            ray = Ray(x, y, z, dx, dy, _Z, -math.inf, math.inf)
+            precision = precision_of(ray, extent)
+            store_precision(scratch.small, precision)
+            about = 4.0 * tolerance(0.0, precision)
+            if extent.reach < math.inf:
+                about = max(about, _NEAR * extent.reach)
+            code = wide(root) << 3 | BLOCK
+            state, u, _ = ask(trees, pool, scratch, code, ray, -about, about, -about, 0, 0)
+            sure = u > about and about > 0.0 and answer in (state, _NOBODY)
+            answer = state if sure else UNDECIDED
+            if answer == UNDECIDED:
+                break
+        answers[i] = answer
+
+
+@njit(entry=True)
+def span_batch(
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    root: int,
+    extent: Extent,
+    box: NDArray[np.float64],
+    origins: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    begin: int,
+    end: int,
+    counts: NDArray[np.int64],
+    ends: NDArray[np.float64],
+    records: NDArray[np.int32],
+) -> None:
+    """Write where rays enter and leave the solid.
+
+    Parameters
+    ----------
+    box : float64 (2, 3)
+        About the solid.
+    counts : int64 (N,)
+        Receives the number of ends of every ray, -1 where only lists can tell.
+    ends, records : float64 (2 ROOM N,), int32
+        Receive where they are, and the leaf records that they belong to.
+    """
+    for i in range(begin, end):
+        ox, oy, oz = origins[i]
+        dx, dy, dz = directions[i]
+        ray = Ray(ox, oy, oz, dx, dy, dz, -math.inf, math.inf)
+        store_precision(scratch.small, precision_of(ray, extent))
+        at = 2 * ROOM * i
+        counts[i] = _step_through(trees, pool, scratch, root, box, ray, at, ends, records)
+
+
+@njit
+def _step_through(
+    trees: Trees,
+    pool: Pool,
+    scratch: Scratch,
+    root: int,
+    box: NDArray[np.float64],
+    ray: Ray,
+    at: int,
+    ends: NDArray[np.float64],
+    records: NDArray[np.int32],
+) -> int:
+    """Write the ends of one ray from `at` on; return their number, or -1."""
+    low, high = _meet_box(box, ray)
+    if not low <= high:
+        return 0
+    if math.isinf(low) or math.isinf(high):
+        return -1
+    precision = load_precision(scratch.small, PRECISION)
+    code = wide(root) << 3 | BLOCK
+    t = low - 8.0 * tolerance(low, precision) - 1e-6 * (high - low)
+    limit = high + 8.0 * tolerance(high, precision) + 1e-6 * (high - low)
+    state, u, _ = ask(trees, pool, scratch, code, ray, t, limit, t, 0, 0)
+    inside, n = 0, 0
+    while state == inside and u <= limit:
+        t = u
+        state, u, _ = ask(trees, pool, scratch, code, ray, t, limit, t, 0, 0)
+        if state == inside:
+            continue
+        if state == UNDECIDED:
+            return -1
+        before, behind, where = find_owner(trees, pool, scratch, code, ray, t, 0, 0)
+        if before != inside or behind != state or n == 2 * ROOM:
+            return -1
+        ends[at + n] = where
+        last = scratch.paths[PATH + scratch.paths[PATH]]
+        records[at + n] = trees.targets[last]
+        inside = state
+        n += 1
+    return n if state == inside == 0 else -1
+
+
+@njit
+def _meet_box(box: NDArray[np.float64], ray: Ray) -> tuple[float, float]:
+    """Return where a line enters and leaves a box; the first is larger where it misses."""
+    low, high = -math.inf, math.inf
+    for axis in range(3):
+        o, d = ray[axis], ray[3 + axis]
+        if d == 0.0:
+            if not box[0, axis] <= o <= box[1, axis]:
+                return math.inf, -math.inf
+            continue
+        a, b = (box[0, axis] - o) / d, (box[1, axis] - o) / d
+        low, high = max(low, min(a, b)), min(high, max(a, b))
+    return low, high
