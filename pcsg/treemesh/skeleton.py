@@ -323,12 +323,12 @@ def find_limbs(skel: Skeleton) -> Limbs:
     joints = np.array([a for a in keys if degree[a] != 1], dtype=np.int64)
     number = np.full(skel.n_nodes, -1)
     number[joints] = np.arange(len(joints))
-    chain, first = np.array(nodes), np.array(starts)
+    chain, first = np.array(nodes, dtype=np.int64), np.array(starts)
     ends = np.stack([number[chain[first[:-1]]], number[chain[first[1:] - 1]]], axis=1)
     return Limbs(
         chain,
         first,
-        np.array(edges),
+        np.array(edges, dtype=np.int64),
         joints,
         ends,
         *limb_shapes(skel, chain, first, ends),

@@ -206,6 +206,8 @@ def tree_surface(
     timer = Timer()
     with timer.stage("cage"):
         kept, dropped = drop_hidden_twigs(skel)
+    if not len(kept.limbs):
+        raise UsageError("every segment of the skeleton ends inside a thicker one: too thick")
     factor = np.ones(2 * len(kept.limbs))
     surf = _build(kept, wanted, factor, timer, previous)
     for _ in range(wanted.tries):

@@ -157,3 +157,13 @@ def test_reports_are_json() -> None:
     assert set(back["times"]) == {"cage", "subdivision", "coordinates", "weights", "projection"}
     for key in ("smallest_angle", "aspect_ratio", "edge_flow", "radius_error", "notes"):
         assert key in back
+
+
+def test_a_skeleton_that_hides_in_itself_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "thick.swc"
+    rows = ["1 0 0 0 0 .5 -1", "2 0 1000 0 2 .4 1", "3 0 .5 0 4 .4 2", "4 0 1.8 0 3.2 .15 2"]
+    rows += ["5 0 2.7 0 4 .1 1", "6 1 1 1 5 .2 3", "7 1 -1 .5 4.8 .2 3"]
+    path.write_text("\n".join(rows), encoding="utf-8")
+    skeleton = load_skeleton(path)
+    with pytest.raises(UsageError, match="ends inside a thicker one"):
+        tree_surface(skeleton)
