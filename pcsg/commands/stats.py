@@ -28,7 +28,15 @@ def run(
     scene = open_scene(file, assignments, seed, time, include, max_memory, block_memory, engine)
     counts = scene.stats()
     # Python refuses to write integers of more than 4300 digits; order 8000 of a fractal has them.
+    most = sys.get_int_max_str_digits()
     sys.set_int_max_str_digits(0)
+    try:
+        _show_counts(counts, as_json)
+    finally:
+        sys.set_int_max_str_digits(most)
+
+
+def _show_counts(counts: dict[str, Any], as_json: bool) -> None:
     if as_json:
         show(json.dumps(_plain(counts), allow_nan=False))
         return

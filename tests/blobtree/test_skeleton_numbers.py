@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -88,3 +89,11 @@ def test_a_surface_without_end_is_refused_before_it_is_made(tmp_path: Path) -> N
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 2 and "-D t=3" in done.output
     assert not (tmp_path / "x.obj").exists()
+
+
+def test_statistics_leave_numbers_of_files_bounded(tmp_path: Path) -> None:
+    path = tmp_path / "many.pcsg"
+    path.write_text("{} sphere", encoding="utf-8")
+    before = sys.get_int_max_str_digits()
+    assert CliRunner().invoke(app, ["stats", str(path)]).exit_code == 0
+    assert sys.get_int_max_str_digits() == before > 0
