@@ -29,7 +29,7 @@ from pcsg.trace.coverage import (
     make_space,
     measure,
 )
-from pcsg.trace.ends import MAX_DEPTH, NEVER
+from pcsg.trace.ends import NEVER
 from pcsg.trace.found import Found, FoundHits, make_found
 from pcsg.trace.groups import BLOCK, INSTANCE
 from pcsg.trace.hits import Hits, RaySpans, Spans, join_spans
@@ -100,15 +100,11 @@ class StatesTracer(StatesEngine):
     def _may_shrink(self) -> bool:
         """Return whether a frame might be below rounding, where modules are empty.
 
-        See docs/solids.md, ends of recursion. Blocks do not know how deep they are.
+        See docs/solids.md, ends of recursion. Within instances nobody knows how far it has gone.
         """
-        blocks = self.blocks
-        kinds = blocks.refs & 7
-        instances = _different(blocks.refs[kinds == INSTANCE] >> 3)
-        sizes = np.abs(blocks.inverses.reshape(-1, 12)).max(axis=1, initial=1.0)
-        nested = min(len(_different(blocks.targets[instances])), MAX_DEPTH)
-        steps = math.log2(4.0 * float(sizes[instances].max(initial=1.0))) * nested
-        return steps + math.log2(4.0 * float(sizes.max(initial=1.0))) > 50.0
+        places = np.abs(self.blocks.inverses.reshape(-1, 3, 4)[:, :, 3])
+        nested = bool(((self.blocks.refs & 7) == INSTANCE).any())
+        return nested or float(places.max(initial=0.0)) > 2.0**50
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Find whether the solid contains points (N, 3)."""
