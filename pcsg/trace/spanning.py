@@ -24,7 +24,7 @@ from pcsg.vec import Ray
 ROOM = 16
 """Intervals of one ray; rays that have more are left to the walker."""
 
-_NOBODY = 2
+_UNASKED = 2
 
 _NEAR = 1e-12
 """How near to a surface, in parts of `Extent.reach`, questions do not tell of a point."""
@@ -49,7 +49,7 @@ def contain_batch(
     """Write 1 for points that the solid contains, 0 for others, UNDECIDED near surfaces."""
     for i in range(begin, end):
         x, y, z = points[i]
-        answer = _NOBODY
+        answer = _UNASKED
         for way in range(4):
             dx, dy = _X if way & 1 else -_X, _Y if way & 2 else -_Y
             ray = Ray(x, y, z, dx, dy, _Z, -math.inf, math.inf)
@@ -60,7 +60,7 @@ def contain_batch(
                 about = max(about, _NEAR * extent.reach)
             code = wide(root) << 3 | BLOCK
             state, u, _ = ask(trees, pool, scratch, code, ray, -about, about, -about, 0, 0)
-            sure = u > about and about > 0.0 and answer in (state, _NOBODY)
+            sure = u > about and about > 0.0 and answer in (state, _UNASKED)
             answer = state if sure else UNDECIDED
             if answer == UNDECIDED:
                 break

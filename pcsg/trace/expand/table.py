@@ -1,4 +1,4 @@
-"""The table of states: every module for every values of its live parameters, each once.
+"""The table of states: every module with every set of values of its live parameters, once.
 
 An open-addressing hash table over (module's program, bits of the live values). `fill_table` runs
 rule programs until no state waits, time is up, or an array is full; Python then makes the arrays
