@@ -11,11 +11,13 @@ import atexit
 import hashlib
 import json
 import os
+import re
 import shutil
 import stat
 import sys
 import tempfile
 import time
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -37,6 +39,9 @@ _DAY = 24 * 3600.0
 _UNUSED = 30 * _DAY
 _ABANDONED = 3600.0
 """Seconds after which a file that was not finished has lost its writer."""
+
+_FORMER = re.compile("kernels-[0-9a-f]{16}")
+"""Names of the folders of versions that had one for each state of their sources."""
 
 _READ = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
 _READ_FILE = _READ | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -103,6 +108,7 @@ class Folder:
             is_mine = about.st_uid == os.geteuid()
             raise PermissionError("others can write it" if is_mine else "it is another user's")
         self._handle = handle
+        weakref.finalize(self, os.close, handle)
         if about.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
             with suppress(OSError):
                 os.fchmod(handle, about.st_mode & stat.S_IRWXU)
@@ -233,6 +239,7 @@ class Cache:
         self.obstacle = self.failure = ""
         self._private: Folder | None = None
         self._folder: Folder | None = None
+        self._is_clean = False
         path = _place()
         if not path.is_absolute():
             self.obstacle = "no home folder is known"
@@ -261,6 +268,9 @@ class Cache:
                 self._private.write(name, code)
             elif self._folder.is_writable:
                 self._folder.write(name, code)
+                if not self._is_clean:
+                    self._is_clean = True
+                    _remove_former(self._folder.path.parent)
         except OSError as error:
             if not self.obstacle:
                 self.failure = f"{_place()}: {error.strerror or error}"
@@ -292,6 +302,16 @@ def _place() -> Path:
     return (Path(named).absolute() if named else Path(platformdirs.user_cache_dir("pcsg"))) / (
         "kernels"
     )
+
+
+def _remove_former(cache: Path) -> None:
+    """Remove the folders in which former versions kept kernels, once they are out of use."""
+    for path in cache.glob("kernels-*"):
+        with suppress(OSError):
+            about = path.lstat()
+            is_old = time.time() - about.st_mtime > _UNUSED
+            if _FORMER.fullmatch(path.name) and is_old and _is_ours(about):
+                shutil.rmtree(path)  # which follows no link
 
 
 def _private_folder() -> Folder:

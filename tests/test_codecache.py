@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import random
 import sys
@@ -210,6 +211,35 @@ def test_what_is_not_used_any_more_goes(
     Cache().write(NAME, CODE)
     names = {path.name for path in kernel_folder.iterdir()}
     assert names == {NAME, "used.code", "new.part"}
+
+
+def test_folders_of_former_versions_go(kernel_folder: Path, tmp_path: Path) -> None:
+    cache = kernel_folder.parent
+    old, new, mine, link = (
+        cache / f"kernels-{name}" for name in ("0" * 15 + "f", "1" * 16, "mine", "2" * 16)
+    )
+    for path in (old, new, mine, tmp_path / "elsewhere"):
+        path.mkdir(parents=True)
+        (path / "a.code").write_bytes(b"")
+    link.symlink_to(tmp_path / "elsewhere")
+    past = time.time() - 40 * 24 * 3600
+    for path in (old, mine, tmp_path / "elsewhere"):
+        os.utime(path, (past, past))
+    os.utime(link, (past, past), follow_symlinks=False)
+    opened().read(NAME)
+    assert old.exists()
+    opened().write(NAME, CODE)
+    assert not old.exists()
+    assert all((path / "a.code").exists() for path in (new, mine, link))
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="open files cannot be counted")
+def test_folders_that_are_dropped_are_closed(folder: Folder) -> None:
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    for _ in range(20):
+        Folder(folder.path).read(NAME)
+    gc.collect()
+    assert len(list(Path("/proc/self/fd").iterdir())) < before + 20
 
 
 def test_all_together_have_a_size_and_the_oldest_go(
