@@ -23,6 +23,7 @@ FLOORS: list[set[str]] = [
         "objectcode",
         "codecache",
         "fingerprint",
+        "geometry",
         "jit",
         "vec",
         "indices",

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.jit import njit
-from pcsg.simd import LOCAL, WIDTH, local_doubles, local_integers
+from pcsg.simd import LOCAL, local_doubles, local_integers
+from pcsg.slabs import WIDTH
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]

@@ -9,7 +9,8 @@ from pcsg.jit import njit
 from pcsg.leaf.bvh import BLOCK_SIZE
 from pcsg.leaf.registry import Array, Pool
 from pcsg.leaf.triangles import REACH, Mesh
-from pcsg.simd import WIDTH, local_doubles, local_integers
+from pcsg.simd import local_doubles, local_integers
+from pcsg.slabs import WIDTH
 from pcsg.vec import Vec3
 
 

@@ -20,8 +20,8 @@ from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.leaf.bvh import BLOCK_SIZE
 from pcsg.leaf.registry import ALL, ANY, OVERFLOW, Array, Pool
-from pcsg.simd import WIDTH, count_trailing_zeros, local_doubles, local_integers
-from pcsg.slabs import make_slabs, meet_block_at
+from pcsg.simd import count_trailing_zeros, local_doubles, local_integers
+from pcsg.slabs import WIDTH, make_slabs, meet_block_at
 from pcsg.vec import Ray, Vec3
 
 # The head of a mesh in the pool: integers, then numbers.

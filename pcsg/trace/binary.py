@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.hulls import Bounds
-from pcsg.trace.simd import WIDTH
+from pcsg.simd import WIDTH
 
 
 def area_of(box: Bounds | NDArray[np.float64]) -> float:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.geometry.bvh import FARTHEST, LEAST_SINGLE
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
 from pcsg.graph.bounds import pad
 from pcsg.graph.code import compose_affine, invert_affine
@@ -23,7 +24,7 @@ from pcsg.graph.hulls import EMPTY as EMPTY_BOX
 from pcsg.graph.hulls import Hulls, Part
 from pcsg.graph.nodes import Leaf
 from pcsg.graph.states import StateGraph, StateItem
-from pcsg.trace.accel.build import FARTHEST, LEAST_SINGLE
+from pcsg.simd import SINGLE, WIDTH
 from pcsg.trace.binary import BinaryTree, area_of, hull_of
 from pcsg.trace.groups import (
     BLOCK,
@@ -38,7 +39,6 @@ from pcsg.trace.groups import (
 )
 from pcsg.trace.pool import ModelPool
 from pcsg.trace.rulebook import Fixture
-from pcsg.trace.simd import SINGLE, WIDTH
 from pcsg.trace.small import SmallOperation, flatten_operation
 from pcsg.vec import IDENTITY, Affine, Vec3
 

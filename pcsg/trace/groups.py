@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from pcsg.geometry import bvh
 from pcsg.graph.code import compose_affine
 from pcsg.graph.hulls import Hulls, Part
 from pcsg.graph.nodes import Leaf
@@ -21,6 +22,8 @@ BLOCK, INSTANCE, LEAF, OPERATION, SMALL, SUSPENDED, LAZY_LEAF, EMPTY = range(8)
 """Kinds of references. SMALL is an operation as a truth table, BLOCK leads to further references,
 SUSPENDED to a state that is made on demand (`slots`), whose primitives are LAZY_LEAF;
 groups themselves have neither."""
+
+assert (BLOCK, EMPTY) == (bvh.BLOCK, bvh.EMPTY)
 
 
 class Reference(NamedTuple):

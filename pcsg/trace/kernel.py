@@ -16,10 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.geometry.slabs import make_slabs, meet_block
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.indices import place, wide
 from pcsg.jit import njit
 from pcsg.leaf.registry import ANY, OVERFLOW, Pool
+from pcsg.simd import WIDTH, stay_apart
 from pcsg.trace.coverage import Coverage, draw_hit
 from pcsg.trace.ends import (
     CUT,
@@ -34,7 +36,6 @@ from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.owner import find_owner
 from pcsg.trace.precision import Extent, is_far, is_touch, load_precision, tolerance
 from pcsg.trace.question import ask, meets_subtracted
-from pcsg.trace.simd import WIDTH, stay_apart
 from pcsg.trace.traversal import (
     ENDS,
     HIT,
@@ -59,8 +60,6 @@ from pcsg.trace.traversal import (
     keep_surface,
     load_beginning,
     load_ray,
-    make_slabs,
-    meet_block,
     precedes,
     push_references,
     store_ray,
@@ -221,7 +220,7 @@ def find_first(
                     scratch.frames[VISITS + 1] += 1
                 slabs = make_slabs(ray, about, scratch.slabs)
             scratch.frames[VISITS] += 1
-            met = meet_block(trees.boxes, block, slabs, near, far, scratch)
+            met = meet_block(trees.boxes, block, slabs, near, far, scratch.slabs, scratch.entries)
             if met != NONE:
                 if top >= STACK - WIDTH:
                     return UNDECIDED

@@ -18,7 +18,7 @@ from pcsg.graph.recipes import Recipes
 from pcsg.graph.unroll import enumerate_states
 from pcsg.jit import plain
 from pcsg.leaf.registry import FIRST
-from pcsg.simd import WIDTH
+from pcsg.slabs import WIDTH
 from pcsg.trace.blocks import build_fixtures
 from pcsg.trace.bounding import evaluate_sides
 from pcsg.trace.coverage import (

@@ -20,8 +20,8 @@ from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, ANY, Pool
-from pcsg.simd import WIDTH, count_trailing_zeros
-from pcsg.slabs import Slabs, make_slabs, meet_block
+from pcsg.simd import count_trailing_zeros
+from pcsg.slabs import WIDTH, Slabs, make_slabs, meet_block
 from pcsg.trace.coverage import Coverage, draw_hit
 from pcsg.trace.ends import (
     CUT,

@@ -8,14 +8,15 @@ the little that stands there. `small` does the same for its tables.
 
 from __future__ import annotations
 
+from pcsg.geometry.slabs import make_slabs, meet_block
 from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.leaf.registry import ALL, OVERFLOW, Pool
+from pcsg.simd import WIDTH
 from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.merge import TABLES, truth
 from pcsg.trace.precision import is_touch, load_precision, tolerance
-from pcsg.trace.simd import WIDTH
 from pcsg.trace.traversal import (
     ENDS,
     FRAME,
@@ -34,8 +35,6 @@ from pcsg.trace.traversal import (
     is_sheet,
     keep_surface,
     load_ray,
-    make_slabs,
-    meet_block,
     precedes,
     push_references,
     store_ray,
@@ -105,7 +104,7 @@ def find_owner(
                     scratch.frames[VISITS + 1] += 1
                 slabs = make_slabs(ray, t, scratch.slabs)
             scratch.frames[VISITS] += 1
-            met = meet_block(trees.boxes, block, slabs, low, high, scratch)
+            met = meet_block(trees.boxes, block, slabs, low, high, scratch.slabs, scratch.entries)
             if met != NONE:
                 if top >= STACK - WIDTH:
                     return UNDECIDED, UNDECIDED, t

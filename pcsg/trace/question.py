@@ -14,14 +14,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.geometry.slabs import make_slabs, meet_block
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.leaf.registry import ALL, OVERFLOW, Pool
+from pcsg.simd import WIDTH
 from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
 from pcsg.trace.precision import is_touch, load_precision, tolerance
-from pcsg.trace.simd import WIDTH
 from pcsg.trace.traversal import (
     ENDS,
     FRAME,
@@ -42,8 +43,6 @@ from pcsg.trace.traversal import (
     keep_surface,
     load_beginning,
     load_ray,
-    make_slabs,
-    meet_block,
     precedes,
     push_references,
     store_ray,
@@ -131,7 +130,7 @@ def ask(
                     scratch.frames[VISITS + 1] += 1
                 slabs = make_slabs(ray, about, scratch.slabs)
             scratch.frames[VISITS] += 1
-            met = meet_block(trees.boxes, block, slabs, t, far, scratch)
+            met = meet_block(trees.boxes, block, slabs, t, far, scratch.slabs, scratch.entries)
             if met != NONE:
                 if top >= STACK - WIDTH:
                     return UNDECIDED, t, False

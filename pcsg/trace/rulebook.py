@@ -29,7 +29,7 @@ from pcsg.graph.recipes import (
 from pcsg.graph.sides import Sides, entry_sides
 from pcsg.graph.tape import Program
 from pcsg.leaf.registry import Solid
-from pcsg.simd import WIDTH
+from pcsg.slabs import WIDTH
 from pcsg.trace.bounding import BALL, CORNERS, SIDES
 from pcsg.vec import IDENTITY, Affine
 

@@ -23,7 +23,7 @@ from pcsg.graph.tape import OK, run
 from pcsg.graph.transforms import evaluate_transform
 from pcsg.indices import wide
 from pcsg.jit import njit
-from pcsg.simd import WIDTH
+from pcsg.slabs import WIDTH
 from pcsg.trace.bounding import bound_part
 from pcsg.trace.groups import EMPTY, LAZY_LEAF, SUSPENDED
 from pcsg.trace.rulebook import (

@@ -18,10 +18,10 @@ from pcsg.indices import place, wide
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import ALL, Pool
+from pcsg.simd import stay_apart
 from pcsg.trace.groups import INSTANCE, LEAF, Groups
 from pcsg.trace.merge import TABLES, truth
 from pcsg.trace.precision import is_touch, load_precision, tolerance
-from pcsg.trace.simd import stay_apart
 from pcsg.vec import IDENTITY, Affine, Ray, load_affine, transform_ray
 
 MAX_PRIMITIVES = 6

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.jit import njit
-from pcsg.simd import WIDTH
+from pcsg.slabs import WIDTH
 from pcsg.trace.bounding import bound_box, pad_box
 from pcsg.trace.groups import SUSPENDED
 from pcsg.trace.rulebook import ENTRY, P_COUNT, P_KIND, P_TARGET, PART_FIELDS, Rulebook

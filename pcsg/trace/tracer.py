@@ -14,6 +14,7 @@ from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS, ATTRIBUTE_SLOTS
 from pcsg.graph.graph import Graph
 from pcsg.graph.states import StateGraph
 from pcsg.leaf.registry import FIRST
+from pcsg.simd import WIDTH
 from pcsg.trace.blocks import Blocks, build_blocks
 from pcsg.trace.blocks_batch import BAD_RAY, find_batch
 from pcsg.trace.coverage import (
@@ -37,7 +38,6 @@ from pcsg.trace.kernel import Cut
 from pcsg.trace.pool import ModelPool, pool_of
 from pcsg.trace.precision import Extent, extent_of
 from pcsg.trace.rays import Rays, check_points, check_rays, check_values, run_chunks, shape_rays
-from pcsg.trace.simd import WIDTH
 from pcsg.trace.spanning import ROOM, contain_batch, span_batch
 from pcsg.trace.states_engine import StatesEngine
 from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, make_scratch

@@ -13,15 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.geometry.slabs import Slabs
 from pcsg.indices import place, wide
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings
 from pcsg.leaf.registry import Pool
-from pcsg.simd import count_trailing_zeros
+from pcsg.simd import WIDTH, count_trailing_zeros
 from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import LEAF, SMALL
 from pcsg.trace.precision import Precision
-from pcsg.trace.simd import WIDTH, meet_boxes, prepare_ray
 from pcsg.trace.small import ENTRY, HEADER, small_crossings
 from pcsg.vec import Ray, load_affine, transform_ray
 
@@ -41,7 +41,7 @@ T, PRECISION, ENDS = 0, 1, 3
 """In `Scratch.small`."""
 
 NONE, _ONE, _TWO, _THREE, _EIGHT = (np.uint64(k) for k in (0, 1, 2, 3, 8))
-_W, _W2, _W3, _W4, _W5, _W6 = (np.uint64(k * WIDTH) for k in range(1, 7))
+_W = np.uint64(WIDTH)
 
 
 class Trees(NamedTuple):
@@ -127,71 +127,6 @@ def make_scratch() -> Scratch:
         slabs=np.zeros(12, np.float32),
         entries=np.zeros(WIDTH, np.float32),
     )
-
-
-class Slabs(NamedTuple):
-    """A ray prepared for boxes, in single precision; the rest is in `Scratch.slabs`.
-
-    Attributes
-    ----------
-    about : float64
-        The t from which its parameter is counted.
-    speed, slowness : float64
-        Lengths of the frame for each of t, and the inverse.
-    nx, ny, nz
-        0 or 3 WIDTH for each axis: whether the ray meets the lower or the upper plane first.
-    """
-
-    about: float
-    speed: float
-    slowness: float
-    nx: np.uint64
-    ny: np.uint64
-    nz: np.uint64
-
-
-@njit(inline=True)
-def make_slabs(ray: Ray, about: float, out: NDArray[np.float32]) -> Slabs:
-    """Prepare a ray; `about` is where it is near the boxes."""
-    down, speed, slowness = prepare_ray(ray.ox, ray.oy, ray.oz, ray.dx, ray.dy, ray.dz, about, out)
-    return Slabs(
-        about,
-        speed,
-        slowness,
-        (down & _ONE) * _W3,
-        ((down >> _ONE) & _ONE) * _W3,
-        ((down >> _TWO) & _ONE) * _W3,
-    )
-
-
-@njit(inline=True)
-def meet_block(
-    boxes: NDArray[np.float32],
-    block: int,
-    slabs: Slabs,
-    low: float,
-    high: float,
-    scratch: Scratch,
-) -> np.uint64:
-    """Return which boxes of a block a ray meets in [low, high], as bits.
-
-    `Scratch.entries` receives where it enters them.
-    """
-    met: np.uint64 = meet_boxes(
-        boxes,
-        place(block) * _W6,
-        slabs.nx,
-        slabs.ny + _W,
-        slabs.nz + _W2,
-        _W3 - slabs.nx,
-        _W4 - slabs.ny,
-        _W5 - slabs.nz,
-        scratch.slabs,
-        np.float32((low - slabs.about) * slabs.speed),
-        np.float32((high - slabs.about) * slabs.speed),
-        scratch.entries,
-    )
-    return met
 
 
 @njit(inline=True)

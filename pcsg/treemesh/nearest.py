@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pcsg.jit import njit
 from pcsg.leaf.bvh import BLOCK_SIZE, EMPTY, STACK, build_hierarchy
-from pcsg.simd import WIDTH
+from pcsg.slabs import WIDTH
 from pcsg.treemesh.skeleton import Floats, Ints
 from pcsg.treemesh.threads import run_chunks
 

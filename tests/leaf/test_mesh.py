@@ -15,10 +15,11 @@ import pcsg
 from pcsg import Scene, UsageError
 from pcsg.graph.nodes import Leaf
 from pcsg.graph.text import to_pcsg
-from pcsg.leaf.bvh import BLOCK_SIZE, WIDTH, build_hierarchy
+from pcsg.leaf.bvh import BLOCK_SIZE, build_hierarchy
 from pcsg.leaf.dispatch import leaf_crossings, leaf_inside, leaf_normal, leaf_uv
 from pcsg.leaf.mesh import Mesh, MeshModel, mesh_of_arrays
 from pcsg.leaf.registry import ALL, ANY, FIRST, OVERFLOW
+from pcsg.slabs import WIDTH
 from pcsg.trace.pool import ModelPool
 from pcsg.vec import Ray, Vec3
 

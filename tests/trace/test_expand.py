@@ -23,6 +23,7 @@ from pcsg.graph.states import Combine, LeafItem, StateItem
 from pcsg.graph.unroll import enumerate_states
 from pcsg.leaf import LEAVES
 from pcsg.leaf.registry import Solid
+from pcsg.simd import WIDTH
 from pcsg.trace.blocks import Blocks
 from pcsg.trace.expand.expansion import Expansion, TooLarge
 from pcsg.trace.expand.pack import pack_expansion
@@ -30,7 +31,6 @@ from pcsg.trace.expand.table import LEAF, STATE
 from pcsg.trace.groups import BLOCK, EMPTY, INSTANCE
 from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.pool import ModelPool
-from pcsg.trace.simd import WIDTH
 from pcsg.trace.walker import Walker
 from pcsg.vec import Vec3
 

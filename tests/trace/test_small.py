@@ -19,6 +19,7 @@ from pcsg.graph.hulls import Hulls
 from pcsg.graph.nodes import Node
 from pcsg.graph.operators import DIFFERENCE, INTERSECTION
 from pcsg.graph.unroll import enumerate_states
+from pcsg.simd import WIDTH
 from pcsg.trace.blocks import Blocks, build_blocks
 from pcsg.trace.groups import (
     BLOCK,
@@ -31,7 +32,6 @@ from pcsg.trace.groups import (
     OperationRecord,
     gather,
 )
-from pcsg.trace.simd import WIDTH
 from pcsg.trace.small import MAX_PRIMITIVES, flatten_operation
 
 BALLS = [cases.prefix("move", 0.25 * k, 0, 0) * cases.solid("sphere") for k in range(7)]

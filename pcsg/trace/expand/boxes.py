@@ -12,10 +12,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.geometry.bvh import Hierarchies
 from pcsg.graph.operators import DIFFERENCE, UNION
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_support
-from pcsg.trace.accel.build import Hierarchies
+from pcsg.simd import WIDTH
 from pcsg.trace.bounding import CORNERS, SUPPORT, bound_by_support, bound_part, pad_box
 from pcsg.trace.expand.clusters import CLUSTER, Sizes
 from pcsg.trace.expand.layout import Layout, LayoutWork, item_matrix
@@ -23,7 +24,6 @@ from pcsg.trace.expand.programs import L_SHAPE, L_SHAPE_AT, L_SOLID, LEAF_FIELDS
 from pcsg.trace.expand.table import LEAF, OPERATION, STATE, Table
 from pcsg.trace.groups import BLOCK, EMPTY, INSTANCE, SMALL
 from pcsg.trace.groups import LEAF as LEAF_REF
-from pcsg.trace.simd import WIDTH
 from pcsg.trace.small import ENTRY, HEADER
 from pcsg.vec import Affine, Vec3, load_affine, store_affine
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.geometry.bvh import BuildWork, Hierarchies, begin_hierarchy, build_block
 from pcsg.graph.operators import UNION
 from pcsg.jit import njit
-from pcsg.trace.accel.build import BuildWork, Hierarchies, begin_hierarchy, build_block
 from pcsg.trace.expand.boxes import bound_instance, bound_item, bound_leaf
 from pcsg.trace.expand.clusters import CLUSTER, Sizes, count_operands, is_small
 from pcsg.trace.expand.layout import (

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from pcsg.geometry.bvh import Hierarchies, half_area
 from pcsg.indices import wide
 from pcsg.jit import njit
-from pcsg.trace.accel.build import Hierarchies, half_area
 from pcsg.trace.bounding import bound_box
 from pcsg.trace.expand.boxes import bound_instance, bound_item, bound_leaf
 from pcsg.trace.expand.clusters import Sizes

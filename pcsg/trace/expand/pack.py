@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.geometry.bvh import Hierarchies, make_build_work
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
+from pcsg.simd import WIDTH
 from pcsg.trace import blocks as opening
-from pcsg.trace.accel.build import Hierarchies, make_build_work
 from pcsg.trace.blocks import Blocks
 from pcsg.trace.expand.clusters import (
     CLUSTER,
@@ -34,7 +35,6 @@ from pcsg.trace.expand.layout import (
     LayoutWork,
 )
 from pcsg.trace.expand.table import LEAF, N_ATTRIBUTES, N_NUMBERS, Table
-from pcsg.trace.simd import WIDTH
 
 SLICE = 20_000
 """References that are laid out before control returns to Python, where Ctrl-C is seen."""

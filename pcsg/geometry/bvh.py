@@ -14,10 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.jit import njit
-from pcsg.trace.groups import BLOCK, EMPTY
-from pcsg.trace.simd import SINGLE, WIDTH
+from pcsg.simd import SINGLE, WIDTH
 
 Floats = NDArray[np.float64]
+
+BLOCK, EMPTY = 0, 7
+"""References: the number of a block comes before its kind, in three bits; what else there is has
+other kinds."""
 
 BINS = 24
 

@@ -1,0 +1,1 @@
+"""Geometry that every floor above needs: bounding volume hierarchies."""

@@ -1,1 +1,0 @@
-"""Bounding volume hierarchies: the compiled builder."""
