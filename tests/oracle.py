@@ -760,16 +760,19 @@ def combine(
         after_a = inside_a ^ (len(turns_a) % 2 == 1)
         after_b = inside_b ^ (len(turns_b) % 2 == 1)
         before, after = truth(inside_a, inside_b), truth(after_a, after_b)
-        # Everything of A stands before everything of B, of each the crossing before the sheets.
-        for which, turns, group, around in (
-            (0, turns_a, group_a, (inside_b, after_b)),
-            (1, turns_b, group_b, (inside_a, after_a)),
+        # Everything of A stands before everything of B, and what comes from one keeps its order.
+        changes = before != after
+        for which, group, around in (
+            (0, group_a, (inside_b, after_b)),
+            (1, group_b, (inside_a, after_a)),
         ):
-            if before != after and turns and (which == 0 or not turns_a):
-                kind = "enter" if after else "leave"
-                out.append(replace(turns[0], t=t, kind=kind))
-            if _SHEET_STAYS[operator, which](*around):
-                out += [replace(e, t=t) for e in group if e.kind == "sheet"]
+            for e in group:
+                if e.kind == "sheet":
+                    if _SHEET_STAYS[operator, which](*around):
+                        out.append(replace(e, t=t))
+                elif changes:
+                    out.append(replace(e, t=t, kind="enter" if after else "leave"))
+                    changes = False
         inside_a, inside_b = after_a, after_b
     return out
 

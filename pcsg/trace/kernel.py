@@ -387,7 +387,7 @@ def step_operation(
             break
         # Of what is taken away, a question tells the end of any part that covers its place.
         if state == 1 and (unsure or meets_subtracted(trees, paths, held)):
-            before, behind, t = find_owner(trees, pool, scratch, code, ray, t, top, level)
+            before, behind, t = find_owner(trees, pool, scratch, code, ray, t, top, level, False)
             if before != 0 or behind != 1:
                 return UNDECIDED, best
             copy_path(paths, PATH * (level + 1), held)
@@ -431,12 +431,16 @@ def find_exit(
         probe = min(world.tmax, t + 2.0 * tolerance(t, precision))
         state, u, _ = ask(trees, pool, scratch, code, world, t, probe, t, 0, 0)
         if state == 1:
+            # Of two solids that touch and a sheet between them it depends on the text what stays.
+            before, _, _ = find_owner(trees, pool, scratch, code, world, t, 0, 0, True)
+            if before == UNDECIDED:
+                return UNDECIDED
             state, u, _ = ask(trees, pool, scratch, code, world, t, world.tmax, t, 0, 0)
     if state != 0:
         return MISS if state == 1 else UNDECIDED
     if want != ANY:
         # A question tells the end of any part that covers its place.
-        before, behind, t = find_owner(trees, pool, scratch, code, world, t, 0, 0)
+        before, behind, t = find_owner(trees, pool, scratch, code, world, t, 0, 0, False)
         if before != 1 or behind != 0:
             return UNDECIDED
         copy_path(scratch.paths, PATH, HIT_PATH)

@@ -75,18 +75,12 @@ def merge(
 
         was_a = in_a
         was_b = in_b
-        record = -1
         for k in range(a, a_next):
             if about[2 * k + 1] == CROSSING:
                 in_a = 1 - in_a
-                if record < 0:
-                    record = about[2 * k]
-        from_a = record >= 0
         for k in range(b, b_next):
             if about[2 * k + 1] == CROSSING:
                 in_b = 1 - in_b
-                if record < 0:
-                    record = about[2 * k]
         changes = truth(table, was_a, was_b) != truth(table, in_a, in_b)
 
         # A sheet stays where a point more or less of its operand changes the result.
@@ -94,28 +88,39 @@ def merge(
         a_shows |= truth(table, 0, in_b) != truth(table, 1, in_b)
         b_shows = truth(table, was_a, 0) != truth(table, was_a, 1)
         b_shows |= truth(table, in_a, 0) != truth(table, in_a, 1)
-        if changes and from_a:
-            out_t[n] = at
-            out_about[2 * n] = record
-            out_about[2 * n + 1] = CROSSING
-            n += 1
-        for k in range(a, a_next):
-            if about[2 * k + 1] == SHEET and a_shows:
-                out_t[n] = at
-                out_about[2 * n] = about[2 * k]
-                out_about[2 * n + 1] = SHEET
-                n += 1
-        if changes and not from_a:
-            out_t[n] = at
-            out_about[2 * n] = record
-            out_about[2 * n + 1] = CROSSING
-            n += 1
-        for k in range(b, b_next):
-            if about[2 * k + 1] == SHEET and b_shows:
-                out_t[n] = at
-                out_about[2 * n] = about[2 * k]
-                out_about[2 * n + 1] = SHEET
-                n += 1
+        n, changes = _emit(about, a, a_next, at, a_shows, changes, out_t, out_about, n)
+        n, changes = _emit(about, b, b_next, at, b_shows, changes, out_t, out_about, n)
         a = a_next
         b = b_next
     return n
+
+
+@njit(inline=True)
+def _emit(
+    about: NDArray[np.int32],
+    first: int,
+    end: int,
+    at: float,
+    shows: bool,
+    changes: bool,
+    out_t: NDArray[np.float64],
+    out_about: NDArray[np.int32],
+    n: int,
+) -> tuple[int, bool]:
+    """Append what stays of an operand's part of a group; return the length and what is to come.
+
+    Parameters
+    ----------
+    shows
+        Whether its sheets stay.
+    changes
+        Whether the result's crossing is still to come: the first crossing of the group is it.
+    """
+    for k in range(first, end):
+        sheet = about[2 * k + 1] == SHEET
+        if shows if sheet else changes:
+            out_t[n] = at
+            out_about[2 * n], out_about[2 * n + 1] = about[2 * k], about[2 * k + 1]
+            n += 1
+            changes = changes and sheet
+    return n, changes

@@ -52,6 +52,7 @@ def find_owner(
     t: float,
     base: int,
     level: int,
+    whole: bool,
 ) -> tuple[int, int, float]:
     """Find which leaf the surface of a solid at t belongs to.
 
@@ -62,6 +63,8 @@ def find_owner(
     ----------
     code, base, level
         As for `question.ask`.
+    whole
+        Whether a sheet counts though the solid is there before and behind.
 
     Returns
     -------
@@ -168,7 +171,7 @@ def find_owner(
             code = wide(trees.operations[target + 3]) << 3 | BLOCK
             continue
         while not found:
-            if top > base and not (before == 1 and behind == 1):
+            if top > base and (whole or not (before == 1 and behind == 1)):
                 top -= 1
                 code = entry_ref[top] >> 8
                 at_level = entry_ref[top] & 255

@@ -134,7 +134,7 @@ def _step_through(
             continue
         if state == UNDECIDED:
             return -1
-        before, behind, where = find_owner(trees, pool, scratch, code, ray, t, 0, 0)
+        before, behind, where = find_owner(trees, pool, scratch, code, ray, t, 0, 0, False)
         if before != inside or behind != state or n == 2 * ROOM:
             return -1
         ends[at + n] = where

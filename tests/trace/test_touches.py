@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import oracle
 import pytest
-from agreement import make_lazy
+from agreement import ENGINES, make_lazy
 
 import pcsg
 from pcsg.grammar import load_text
@@ -88,3 +88,40 @@ def test_engines_agree_on_a_lattice_of_rays(engine: str) -> None:
     # Where a ray starts on a face, or runs along one, rounding may decide.
     wrong = ~np.isclose(found.t, first, rtol=1e-9, atol=1e-9)
     assert (wrong & (np.abs(first) > 1e-9) & (np.abs(found.t) > 1e-9)).sum() <= 4
+
+
+SHEET = "move(-2,-2,1) uscale(5) tri1"
+STACKED = "cylinder | move(0,0,1) cylinder"
+
+
+@pytest.mark.parametrize("text", [f"{SHEET} | {STACKED}", f"{STACKED} | {SHEET}"])
+@pytest.mark.parametrize("engine", ENGINES)
+def test_of_a_sheet_between_two_solids_the_text_tells_whether_it_is_seen_from_within(
+    text: str, engine: str
+) -> None:
+    o, d = (0.1, 0.2, 0.5), (0.02, 0.03, 1.0)
+    expected = oracle.first(load_text(text), o, d)
+    assert expected is not None
+    tracer = ENGINES[engine](load_text(text))
+    hits = tracer.intersect([o], [d])
+    assert (hits.t[0], hits.leaf[0]) == (expected.t, expected.leaf)
+
+
+@pytest.mark.parametrize("sheet_first", [True, False])
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_union_with_what_is_not_met_leaves_the_order_of_what_coincides(
+    sheet_first: bool, engine: str
+) -> None:
+    sheet, solid = "move(-2,-2,0) uscale(5) tri1", "cylinder"
+    pair = f"{sheet} | {solid}" if sheet_first else f"{solid} | {sheet}"
+    o, d = (0.1, 0.2, -3.0), (0.02, 0.03, 1.0)
+    events = {}
+    for rest in ("", " | move(9,9,9) sphere"):
+        graph = load_text(pair + rest)
+        events[rest] = [(e.t, e.kind) for e in oracle.events(graph, o, d)]
+        first = oracle.first(graph, o, d)
+        hits = ENGINES[engine](graph).intersect([o], [d])
+        assert first is not None
+        assert hits.leaf[0] == first.leaf
+    assert events[""] == events[" | move(9,9,9) sphere"]
+    assert [kind for _, kind in events[""][:2]] == ["sheet", "enter"][:: 1 if sheet_first else -1]
