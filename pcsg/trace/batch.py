@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pcsg.jit import njit
 from pcsg.leaf.registry import ANY, FIRST, Pool
 from pcsg.trace.merge import SHEET
-from pcsg.trace.precision import Extent
+from pcsg.trace.precision import Extent, precision_of, store_precision
 from pcsg.trace.surface import LABEL, Surface, describe_hit, whole_label
 from pcsg.trace.tables import Tables
 from pcsg.trace.walk import LIST, MEMBERSHIP, SHRINK, walk
@@ -19,6 +19,7 @@ from pcsg.trace.walk_space import (
     ARGUMENTS_AT,
     ATTRIBUTES_AT,
     OK,
+    PRECISION,
     RECORD,
     Scratch,
     chain_map,
@@ -215,8 +216,9 @@ def trace_batch(
         )
         way = first_way
         status, n = OK, -1
+        store_precision(scratch.best, PRECISION, precision_of(ray, extent))
         while status == OK and n < 0:
-            status, n = walk(tables, pool, scratch, extent, way, want, ray)
+            status, n = walk(tables, pool, scratch, way, want, ray)
             if n < 0:
                 way += LIST - SHRINK
             elif way == LIST and asked <= OCCLUSION:

@@ -16,18 +16,18 @@ from pcsg.trace.coverage import Footprint, stored_normal
 from pcsg.trace.ends import CUT
 from pcsg.trace.found import Found
 from pcsg.trace.kernel import Cut, find_exit, find_first
-from pcsg.trace.precision import Extent, precision_of
+from pcsg.trace.precision import Extent, precision_of, store_precision
 from pcsg.trace.small import ENTRY, HEADER
 from pcsg.trace.traversal import (
     HIT,
     HIT_PATH,
     INSIDE,
     MISS,
+    PRECISION,
     SLOT,
     Scratch,
     T,
     Trees,
-    store_precision,
 )
 from pcsg.vec import Ray, Vec3, load_affine, normalize, transform_normal, transform_ray
 
@@ -176,7 +176,7 @@ def find_batch(
         width = spread = 0.0
         if cut is not None:
             width, spread = footprint.width[i], footprint.spread[i]
-        store_precision(scratch.small, precision_of(ray, extent))
+        store_precision(scratch.small, PRECISION, precision_of(ray, extent))
         result = find_first(trees, pool, scratch, root, extent, want, ray, cut, width, spread)
         if result == INSIDE:
             result = find_exit(trees, pool, scratch, root, want, ray)

@@ -35,7 +35,7 @@ from pcsg.trace.ends import (
 )
 from pcsg.trace.groups import SUSPENDED
 from pcsg.trace.kernel import find_first
-from pcsg.trace.precision import Extent, is_touch, precision_of, tolerance
+from pcsg.trace.precision import Extent, is_touch, precision_of, store_precision, tolerance
 from pcsg.trace.rulebook import (
     E_STAND_IN,
     ENTRY_FIELDS,
@@ -53,6 +53,7 @@ from pcsg.trace.traversal import (
     MISS,
     NONE,
     PATH,
+    PRECISION,
     STACK,
     UNDECIDED,
     VISITS,
@@ -63,7 +64,6 @@ from pcsg.trace.traversal import (
     keep_path,
     load_ray,
     make_scratch,
-    store_precision,
     store_ray,
 )
 from pcsg.vec import Affine, Ray, Vec3, determinant, load_affine, transform_ray
@@ -267,7 +267,7 @@ def find_first_lazy(
     shared = len(lazy.store.refs)
     n_shared = len(lazy.store.heads) // HEAD
     precision = precision_of(world, extent)
-    store_precision(inner.small, precision)
+    store_precision(inner.small, PRECISION, precision)
     touch = world.tmin + tolerance(world.tmin, precision)
     near = world.tmin - 2.0 * tolerance(world.tmin, precision)
     best = world.tmax

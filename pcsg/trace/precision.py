@@ -113,3 +113,9 @@ def is_touch(lo: float, hi: float) -> bool:
 def load_precision(numbers: NDArray[np.float64], at: int) -> Precision:
     """Return the precision that is kept in an array."""
     return Precision(numbers[at], numbers[at + 1])
+
+
+@njit(inline=True)
+def store_precision(numbers: NDArray[np.float64], at: int, precision: Precision) -> None:
+    """Keep the precision of a ray in an array; calls have arguments enough."""
+    numbers[at], numbers[at + 1] = precision.least, precision.slope

@@ -16,9 +16,9 @@ from pcsg.jit import njit
 from pcsg.leaf.registry import Pool
 from pcsg.trace.groups import BLOCK
 from pcsg.trace.owner import find_owner
-from pcsg.trace.precision import Extent, load_precision, precision_of, tolerance
+from pcsg.trace.precision import Extent, load_precision, precision_of, store_precision, tolerance
 from pcsg.trace.question import ask
-from pcsg.trace.traversal import PATH, PRECISION, UNDECIDED, Scratch, Trees, store_precision
+from pcsg.trace.traversal import PATH, PRECISION, UNDECIDED, Scratch, Trees
 from pcsg.vec import Ray
 
 ROOM = 16
@@ -54,7 +54,7 @@ def contain_batch(
             dx, dy = _X if way & 1 else -_X, _Y if way & 2 else -_Y
             ray = Ray(x, y, z, dx, dy, _Z, -math.inf, math.inf)
             precision = precision_of(ray, extent)
-            store_precision(scratch.small, precision)
+            store_precision(scratch.small, PRECISION, precision)
             about = 4.0 * tolerance(0.0, precision)
             if extent.reach < math.inf:
                 about = max(about, _NEAR * extent.reach)
@@ -98,7 +98,7 @@ def span_batch(
         ox, oy, oz = origins[i]
         dx, dy, dz = directions[i]
         ray = Ray(ox, oy, oz, dx, dy, dz, -math.inf, math.inf)
-        store_precision(scratch.small, precision_of(ray, extent))
+        store_precision(scratch.small, PRECISION, precision_of(ray, extent))
         at = 2 * ROOM * i
         counts[i] = _step_through(trees, pool, scratch, root, box, ray, at, ends, records)
 

@@ -21,7 +21,6 @@ from pcsg.leaf.registry import Pool
 from pcsg.simd import WIDTH, count_trailing_zeros
 from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import LEAF, SMALL
-from pcsg.trace.precision import Precision
 from pcsg.trace.small import ENTRY, HEADER, small_crossings
 from pcsg.vec import Ray, load_affine, transform_ray
 
@@ -134,12 +133,6 @@ def choose_beginning(entry: float, low: float) -> float:
     """Return where to count from among boxes that a ray enters at `entry`, but not before `low`."""
     about = entry if entry > low else low
     return about if abs(about) < math.inf else 0.0
-
-
-@njit(inline=True)
-def store_precision(small: NDArray[np.float64], precision: Precision) -> None:
-    """Keep the precision of a ray; calls have arguments enough."""
-    small[PRECISION], small[PRECISION + 1] = precision.least, precision.slope
 
 
 @njit(inline=True)

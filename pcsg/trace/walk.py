@@ -23,7 +23,7 @@ from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_crossings, leaf_inside
 from pcsg.leaf.registry import ALL, ANY, OVERFLOW, Pool
 from pcsg.trace.merge import CROSSING, SHEET, TABLES, merge
-from pcsg.trace.precision import Extent, is_touch, precision_of, tolerance
+from pcsg.trace.precision import is_touch, load_precision, tolerance
 from pcsg.trace.tables import (
     CALCULATION,
     CONSTANT_MATRIX,
@@ -51,6 +51,7 @@ from pcsg.trace.walk_space import (
     FRAME,
     FRAMES_FULL,
     OK,
+    PRECISION,
     RECORD,
     RECORDS_FULL,
     SELECTION_RANGE,
@@ -91,14 +92,12 @@ _UNION, _INTERSECTION, _DIFFERENCE = UNION.kind, INTERSECTION.kind, DIFFERENCE.k
 
 @njit
 def walk(
-    tables: Tables, pool: Pool, scratch: Scratch, extent: Extent, way: int, want: int, world: Ray
+    tables: Tables, pool: Pool, scratch: Scratch, way: int, want: int, world: Ray
 ) -> tuple[int, int]:
     """Walk the graph with one ray.
 
     Parameters
     ----------
-    extent
-        Where the scene is.
     way
         SHRINK: keep the first crossing only. LIST: build the list of all events in about
         [tmin, tmax]. MEMBERSHIP: as LIST, with everything or nothing for leaves that contain the
@@ -135,7 +134,8 @@ def walk(
     for k in range(n_params):
         params[k] = tables.initial[k]
 
-    precision = precision_of(world, extent)
+    precision = load_precision(scratch.best, PRECISION)
+    touch = world.tmin + tolerance(world.tmin, precision)
     near = world.tmin - 2.0 * tolerance(world.tmin, precision)
     far = world.tmax + 2.0 * tolerance(world.tmax, precision)
     best = far
@@ -283,11 +283,13 @@ def walk(
                         continue
                     if not sheet and hi < near:
                         continue
-                    if not sheet and lo <= world.tmin + tolerance(world.tmin, precision):
+                    if not sheet and lo <= touch:
                         return OK, -1
                     if lo < world.tmin or lo > world.tmax:
                         continue
-                    if found == 0 or lo < best - tolerance(best, precision):
+                    if found == 0 or lo < best - tolerance(
+                        best, load_precision(first_hit, PRECISION)
+                    ):
                         found = 1
                         first_hit[0] = lo
                         write_record(records, 0, ray, params, attribute_slot, args, args_at, arity)
@@ -297,7 +299,7 @@ def walk(
                         best = lo
                         if want == ANY:
                             # Only a solid about the start could still hide it.
-                            best = world.tmin + tolerance(world.tmin, precision)
+                            best = touch
                     break
                 if used:
                     at = record_top * RECORD
@@ -349,7 +351,7 @@ def walk(
                         event_top,
                         scratch.merged_t,
                         scratch.merged_about,
-                        precision,
+                        load_precision(first_hit, PRECISION),
                     )
                     for k in range(n):
                         event_t[start + k] = scratch.merged_t[k]
@@ -389,14 +391,14 @@ def walk(
                     sheet = event_about[2 * k + 1] == SHEET
                     if not sheet:
                         inside = not inside
-                        starts_within = inside and t <= world.tmin + tolerance(
-                            world.tmin, precision
-                        )
+                        starts_within = inside and t <= touch
                         if starts_within and event_t[leave_events(event_about, k)] >= near:
                             return OK, -1
                     if t < world.tmin or t > world.tmax:
                         continue
-                    if found == 0 or t < best - tolerance(best, precision):
+                    if found == 0 or t < best - tolerance(
+                        best, load_precision(first_hit, PRECISION)
+                    ):
                         found = 1
                         first_hit[0] = t
                         copy_record(records, record_about, event_about[2 * k])
@@ -405,7 +407,7 @@ def walk(
                         store_affine(first_hit, 1, m)
                         best = t
                         if want == ANY:
-                            best = world.tmin + tolerance(world.tmin, precision)
+                            best = touch
                     break
                 event_top = 0
                 record_top = 1

@@ -39,6 +39,9 @@ ATTRIBUTES_AT, N_ATTRIBUTES = 6, 7
 ARGUMENTS_AT = ATTRIBUTES_AT + N_ATTRIBUTES
 RECORD = ARGUMENTS_AT + MAX_LEAF_ARGS
 
+PRECISION = 13
+"""Where the precision of the ray stands in `Scratch.best`."""
+
 
 class Scratch(NamedTuple):
     """Working space of one thread.
@@ -67,8 +70,8 @@ class Scratch(NamedTuple):
         The tape's stack.
     t : float64 (T,)
         Crossings of one leaf.
-    best : float64 (13,)
-        t and local_from_world of the first hit.
+    best : float64 (PRECISION + 2,)
+        t and local_from_world of the first hit; the ray's precision.
     fault : int32 (3,)
         Node, instruction and end of the chain where a fault was found.
     """

@@ -41,7 +41,7 @@ from pcsg.trace.precision import extent_of
 from pcsg.trace.rays import Pace, Rays, check_points, check_rays, count_processors, run_chunks
 from pcsg.trace.surface import Surface, make_surface
 from pcsg.trace.tables import Models, Tables, pack
-from pcsg.trace.walk_space import RECORD, Scratch
+from pcsg.trace.walk_space import PRECISION, RECORD, Scratch
 
 
 class _Buffers:
@@ -98,7 +98,7 @@ class _Buffers:
             params=np.zeros(p),
             stack=np.zeros(self._tables.stack_size),
             t=np.zeros(self._crossings),
-            best=np.zeros(13),
+            best=np.zeros(PRECISION + 2),
             fault=np.zeros(3, np.int32),
         )
 
