@@ -85,8 +85,10 @@ def find_owner(
     top = base
     present = -1
     at_level = level
-    slabs = make_slabs(ray, t, scratch.slabs)
-    store_ray(rays, level, ray, t)
+    # Boxes are counted from the window's beginning: before t it might be infinite in single
+    # precision, and then all boxes would seem to be met.
+    slabs = make_slabs(ray, low, scratch.slabs)
+    store_ray(rays, level, ray, low)
     while True:
         kind = code & 7
         index = code >> 3
@@ -102,10 +104,10 @@ def find_owner(
                     paths[at_level] = index
                     ray = transform_ray(load_affine(trees.inverses, 12 * index), ray)
                     present = at_level + 1
-                    store_ray(rays, present, ray, t)
+                    store_ray(rays, present, ray, low)
                     block = wide(trees.targets[index])
                     scratch.frames[VISITS + 1] += 1
-                slabs = make_slabs(ray, t, scratch.slabs)
+                slabs = make_slabs(ray, low, scratch.slabs)
             scratch.frames[VISITS] += 1
             met = meet_block(trees.boxes, block, slabs, low, high, scratch.slabs, scratch.entries)
             if met != NONE:
@@ -167,7 +169,7 @@ def find_owner(
             base = top
             before = behind = 0
             present = -1
-            store_ray(rays, at_level, inner, t)
+            store_ray(rays, at_level, inner, low)
             code = wide(trees.operations[target + 3]) << 3 | BLOCK
             continue
         while not found:

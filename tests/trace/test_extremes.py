@@ -77,3 +77,26 @@ def test_settings_are_in_their_ranges_and_make_pictures_there(setting: str) -> N
         return
     image = pcsg.render(scene, size=(6, 4), samples=2)
     assert not np.isnan(image.rgb).any()
+
+
+def test_a_ball_about_everything_is_left_without_a_look_at_everything() -> None:
+    text = MENGER_IN_A_BALL
+    rng = np.random.default_rng(4)
+    o, d = np.full((64, 3), 0.01), rng.normal(size=(64, 3))
+    states, cyclic = (pcsg.loads(text, engine=e) for e in ("states", "cyclic"))
+    found, expected = states.intersect(o, d), cyclic.intersect(o, d)
+    np.testing.assert_array_equal(found.t, expected.t)
+    assert (found.leaf == expected.leaf).all()
+    assert (found.t > 1e153).all()
+    assert states.tracer.profile["blocks"] < 60
+
+
+MENGER_IN_A_BALL = """
+{n = 3} (S | uscale(1e154) sphere)
+S if(n > 0, 2, 1)
+1: S -> box
+2: S -> {n = n-1} uscale(1/3) (move(0,0,2) R | move(0,0,-2) R | move(2,2,0) S | move(-2,2,0) S
+  | move(2,-2,0) S | move(-2,-2,0) S)
+1: R -> move(2,2,0) S | move(0,2,0) S | move(-2,2,0) S | move(-2,0,0) S | move(-2,-2,0) S
+  | move(0,-2,0) S | move(2,-2,0) S | move(2,0,0) S
+"""
