@@ -1,7 +1,6 @@
-"""Points and whole lines through blocks, by repeated questions: membership, inside intervals.
+"""Whole lines through blocks, by repeated questions.
 
-What questions cannot tell, such as sheets under an operation or a point on a surface, is left to
-the walker.
+What questions cannot tell, such as sheets under an operation, is left to the walker.
 """
 
 from __future__ import annotations
@@ -23,48 +22,6 @@ from pcsg.vec import Ray
 
 ROOM = 16
 """Intervals of one ray; rays that have more are left to the walker."""
-
-_UNASKED = 2
-
-_NEAR = 1e-12
-"""How near to a surface, in parts of `Extent.reach`, questions do not tell of a point."""
-
-_X, _Y, _Z = 0.5377, 0.7312, 0.4191
-"""Where a point is asked along, with all pairs of signs: no directions that faces are likely to
-have, and one of them runs into a corner that the point may be in."""
-
-
-@njit(entry=True)
-def contain_batch(
-    trees: Trees,
-    pool: Pool,
-    scratch: Scratch,
-    root: int,
-    extent: Extent,
-    points: NDArray[np.float64],
-    begin: int,
-    end: int,
-    answers: NDArray[np.int8],
-) -> None:
-    """Write 1 for points that the solid contains, 0 for others, UNDECIDED near surfaces."""
-    for i in range(begin, end):
-        x, y, z = points[i]
-        answer = _UNASKED
-        for way in range(4):
-            dx, dy = _X if way & 1 else -_X, _Y if way & 2 else -_Y
-            ray = Ray(x, y, z, dx, dy, _Z, -math.inf, math.inf)
-            precision = precision_of(ray, extent)
-            store_precision(scratch.small, PRECISION, precision)
-            about = 4.0 * tolerance(0.0, precision)
-            if extent.reach < math.inf:
-                about = max(about, _NEAR * extent.reach)
-            code = wide(root) << 3 | BLOCK
-            state, u, _ = ask(trees, pool, scratch, code, ray, -about, about, -about, 0, 0)
-            sure = u > about and about > 0.0 and answer in (state, _UNASKED)
-            answer = state if sure else UNDECIDED
-            if answer == UNDECIDED:
-                break
-        answers[i] = answer
 
 
 @njit(entry=True)

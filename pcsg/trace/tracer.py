@@ -35,10 +35,11 @@ from pcsg.trace.found import Found, FoundHits, make_found
 from pcsg.trace.groups import BLOCK, INSTANCE
 from pcsg.trace.hits import Hits, RaySpans, Spans, join_spans
 from pcsg.trace.kernel import Cut
+from pcsg.trace.membership import contain_batch, make_matrices
 from pcsg.trace.pool import ModelPool, pool_of
 from pcsg.trace.precision import Extent, extent_of
 from pcsg.trace.rays import Rays, check_points, check_rays, check_values, run_chunks, shape_rays
-from pcsg.trace.spanning import ROOM, contain_batch, span_batch
+from pcsg.trace.spanning import ROOM, span_batch
 from pcsg.trace.states_engine import StatesEngine
 from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, make_scratch
 from pcsg.trace.walker import Walker
@@ -117,7 +118,16 @@ class StatesTracer(StatesEngine):
             scratch, _ = self._own()
             root, extent = self.blocks.root, self._extent
             contain_batch(
-                self._trees, self._pool, scratch, root, extent, places, begin, end, answers
+                self._trees,
+                self._pool,
+                scratch,
+                make_matrices(),
+                root,
+                extent,
+                places,
+                begin,
+                end,
+                answers,
             )
 
         run_chunks(len(places), self.threads, work, self._pace)
