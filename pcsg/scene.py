@@ -16,16 +16,16 @@ from pcsg import arguments
 from pcsg.errors import GrammarError, UsageError
 from pcsg.graph.binding import make_recipes
 from pcsg.graph.bounds import HyperBoxes, hyper_boxes
-from pcsg.graph.counts import count_primitives
 from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, unit
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.nodes import Combinable, Leaf, as_node
 from pcsg.graph.recipes import NoRecipe, Recipes
 from pcsg.graph.states import StateGraph
-from pcsg.graph.stats import graph_stats
+from pcsg.graph.stats import Census, graph_stats, take_census
 from pcsg.graph.text import to_pcsg
 from pcsg.graph.unroll import enumerate_states
 from pcsg.graph.validate import check_graph
+from pcsg.trace.expand.reading import EXPANSION_MEMORY, StatesReader
 from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.pool import pool_of
@@ -42,12 +42,6 @@ if TYPE_CHECKING:
 
 UNROLL_BUDGET = 2_000
 """States that are unrolled before others are left to be made on demand."""
-
-MOST_STATES = 1_000_000
-"""States that primitives are derived from, one by one."""
-
-EXPANSION_MEMORY = 512 << 20
-"""Bytes of all states, where they are more than those and are unrolled in compiled code."""
 
 WHOLE_BUDGET = 16_000
 """States that are unrolled where they cannot be made on demand: seconds of preparation."""
@@ -227,22 +221,18 @@ class Scene:
 
     def _expand(self) -> Expansion | None:
         """Return all states where memory has room for them, in compiled code."""
-        from pcsg.trace.expand.expansion import Expansion, TooLarge
-
         memory = EXPANSION_MEMORY if self._block_memory is None else self._block_memory
-        try:
-            found = Expansion(
-                self.graph,
-                self.values,
-                pool_of(self.graph),
-                memory,
-                lambda: count_primitives(self.graph, self.values, 2_000),
-            )
-        except TooLarge:
+        found = self._reader.expand(memory, pool_of(self.graph))
+        if found is None:
             return None
         if found.diagnostics:
             raise GrammarError(found.diagnostics)
         return found if found.order is not None else None
+
+    @cached_property
+    def _reader(self) -> StatesReader:
+        """Who reads the states for others."""
+        return StatesReader(self.graph, self.values, self.states, lambda: self._expansion)
 
     @cached_property
     def _packed(self) -> Packed | None:
@@ -351,32 +341,20 @@ class Scene:
         UsageError
             The scene has more primitives, or no cylinder or cone.
         """
-        from pcsg.graph.leaves import placed_leaves
-        from pcsg.treemesh.segments import Segments, skeleton_of_segments
+        from pcsg.treemesh.segments import join_segments, segments_of, skeleton_of_segments
 
         arguments.whole(limit, "limit", 1)
-        states = self.states
-        if not states.finite:
-            states = enumerate_states(self.graph, self.values, limit)
-        axes: list[tuple[float, ...]] = []
-        others = 0
-        for leaf in placed_leaves(states, limit):
-            if leaf.carved or leaf.name not in ("cylinder", "cone"):
-                others += leaf.name != "empty"
-                continue
-            m = leaf.world_from_leaf
-            top = leaf.args[0] if leaf.name == "cone" else 1.0
-            # The section of a cylinder may be an ellipse: the circle of the same area counts.
-            x, y, z = (np.array(m[k::4]) for k in range(3))
-            length = max(float(np.linalg.norm(z)), 1e-300)
-            r = math.sqrt(abs(float(np.cross(x, y) @ z)) / length)
-            foot = m[3::4]
-            head = (foot[0] + z[0], foot[1] + z[1], foot[2] + z[2])
-            axes.append((*foot, *head, r, r * top, leaf.label))
-        rows = np.array(axes, dtype=np.float64).reshape(-1, 9)
-        found = skeleton_of_segments(
-            Segments(rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], rows[:, 8].astype(np.int64))
-        )
+        parts, others, count = [], 0, 0
+        for leaves in self.leaves():
+            count += len(leaves)
+            if count > limit:
+                raise UsageError(
+                    f"the grammar has more than {limit:,} primitives; lower its order with -D"
+                )
+            some, rest = segments_of(leaves)
+            parts.append(some)
+            others += rest
+        found = skeleton_of_segments(join_segments(parts))
         if not others:
             return found
         note = f"{others} primitives that are no plain cylinders or cones were left out"
@@ -395,15 +373,9 @@ class Scene:
         Raises
         ------
         UsageError
-            The scene has more than a million states, so that its derivation cannot be followed.
+            The scene has too many states for their table: some millions.
         """
-        from pcsg.graph.leaves import batches_of_leaves
-
-        arguments.whole(batch, "batch", 1)
-        states = self.states
-        if not states.finite:
-            states = enumerate_states(self.graph, self.values, MOST_STATES)
-        return batches_of_leaves(states, batch)
+        return self._reader.leaves(arguments.whole(batch, "batch", 1))
 
     def setting_values(self, kind: str) -> list[dict[str, Any]]:
         """Return the settings of a kind, defaults filled in, None where automatic."""
@@ -425,13 +397,7 @@ class Scene:
         """
         if not (strengths > 0.0).any():
             return np.empty((0, 0))
-        from pcsg.graph.shining import dark_nodes, shining_covers
-
-        states, shines = self.states, strengths.tolist()
-        if not states.finite:
-            dark = dark_nodes(self.graph, shines)
-            states = enumerate_states(self.graph, self.values, WHOLE_BUDGET, without=dark)
-        return shining_covers(states, shines)
+        return self._reader.covers(strengths.tolist())
 
     def intersect(
         self,
@@ -497,8 +463,14 @@ class Scene:
 
     def stats(self) -> dict[str, Any]:
         """Return statistics of the scene: see `graph_stats`."""
-        nbytes = self.tracer.nbytes
-        found = graph_stats(self.graph, self.values, self.states, self.boxes, nbytes)
+        # The table of states is read before it is packed and goes.
+        counted = self._reader.count()
+        packed = self._packed
+        if counted is None or packed is None:
+            known = take_census(self.graph, self.values, self.states, self.boxes, counted)
+        else:
+            known = Census(*counted, "exact", packed.box, packed.bounded, {})
+        found = graph_stats(self.graph, self.values, known, self.tracer.nbytes)
         counts = {} if isinstance(self.tracer, Walker) else self.tracer.counts
         return {**found, "engine": self.engine, "blocks": None, **counts}
 

@@ -5,18 +5,23 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 from pcsg.commands.guard import show
+
+if TYPE_CHECKING:
+    from pcsg.scene import Scene
 
 _GRAMMAR = "sphere \\ uscale(0.5) box"
 
 _MANY = """
 {n = 12; s = SEED} M
 M 1 + (n > 0)
-1: M -> sphere
+1: M -> material(lamp) sphere
 2: M -> {n = n-1} uscale(0.5) ({s = rand(s,1)} move(s,0,1) M | {s = rand(s,2)} move(0,s,-1) M)
+material lamp { emission = (1, 1, 1) }
 """
-"""A grammar whose states are too many to be unrolled."""
+"""A grammar of many states."""
 
 
 def _kernels() -> Iterator[tuple[str, Callable[[], object]]]:
@@ -28,14 +33,26 @@ def _kernels() -> Iterator[tuple[str, Callable[[], object]]]:
 
     states = pcsg.loads(_GRAMMAR, engine="states", threads=1)
     many = pcsg.loads(_MANY, threads=1)
+    lazy = pcsg.loads(_MANY, threads=1, block_memory=0)
     walked = pcsg.loads(_GRAMMAR, engine="cyclic", threads=1)
     rays = np.array([(0.0, 0.0, -5.0)]), np.array([(0.0, 0.0, 1.0)])
     yield "rays through states", lambda: states.intersect(*rays)
     yield "surface coordinates", lambda: states.intersect(*rays).uv
     yield "pictures", lambda: pcsg.render(states, size=(8, 8), samples=2)
-    yield "states on demand", lambda: pcsg.render(many, size=(8, 8), samples=1)
+    yield "many states", lambda: pcsg.render(many, size=(8, 8), samples=1)
+    yield "what is asked about many states", lambda: _ask(many)
+    yield "states on demand", lambda: pcsg.render(lazy, size=(8, 8), samples=1)
     yield "rays through the graph itself", lambda: walked.intersect(*rays)
     yield "textures", lambda: evaluate(np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros(1))
+
+
+def _ask(scene: Scene) -> None:
+    """Ask for what is read from the states."""
+    import numpy as np
+
+    scene.stats()
+    next(scene.leaves())
+    scene.shining_covers(np.ones(1))
 
 
 def run(as_json: bool) -> None:

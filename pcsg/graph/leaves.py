@@ -7,7 +7,7 @@ states that wait are on a stack.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import NamedTuple
@@ -22,6 +22,9 @@ from pcsg.graph.nodes import Leaf, Selection
 from pcsg.graph.operators import UNION
 from pcsg.graph.states import Combine, LeafItem, State, StateGraph, StateItem
 from pcsg.vec import IDENTITY, Affine
+
+Path = tuple[tuple[str, int], ...]
+"""Modules on the way to a primitive, and the numbers of the rules taken."""
 
 _LABEL = ATTRIBUTE_SLOTS.index("@label")
 
@@ -53,7 +56,7 @@ class PlacedLeaf(NamedTuple):
     label: int
     carved: bool
     node: int
-    path: tuple[tuple[str, int], ...]
+    path: Path
 
 
 @dataclass(frozen=True)
@@ -73,8 +76,9 @@ class Leaves:
     arguments : tuple of tuple of float
     carved : bool (N,)
         Whether it is an operand of a difference or an intersection, and so not seen as it is.
-    path : tuple of tuple of (str, int)
-        How the grammar derives it: modules, and the numbers of the rules taken.
+    path : sequence of tuple of (str, int)
+        How the grammar derives it: modules, and the numbers of the rules taken. Where there are
+        many states each is made when it is asked for, so that deep ones take no memory.
     """
 
     leaf: NDArray[np.int64]
@@ -83,7 +87,7 @@ class Leaves:
     label: NDArray[np.int64]
     arguments: tuple[tuple[float, ...], ...]
     carved: NDArray[np.bool_]
-    path: tuple[tuple[tuple[str, int], ...], ...]
+    path: Sequence[Path]
 
     def __len__(self) -> int:
         return len(self.leaf)
@@ -129,9 +133,7 @@ def placed_leaves(states: StateGraph, limit: int | None) -> Iterator[PlacedLeaf]
         raise UsageError("the grammar has too many states to be expanded; lower its order with -D")
     graph = states.graph
     visible = [_operands(state) for state in states.states]
-    stack: list[tuple[int, int, Affine, bool, tuple[tuple[str, int], ...]]] = [
-        (0, 0, IDENTITY, False, ())
-    ]
+    stack: list[tuple[int, int, Affine, bool, Path]] = [(0, 0, IDENTITY, False, ())]
     count = 0
     while stack:
         k, at, world, carved, path = stack.pop()

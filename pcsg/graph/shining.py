@@ -11,7 +11,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,8 @@ from pcsg.graph.code import compose_affine
 from pcsg.graph.graph import Graph
 from pcsg.graph.nodes import Attribute, Leaf
 from pcsg.graph.states import LeafItem, StateGraph, StateItem
-from pcsg.vec import IDENTITY, Affine
+from pcsg.jit import njit, plain
+from pcsg.vec import IDENTITY, Affine, Vec3, cross, dot
 
 Floats = NDArray[np.float64]
 
@@ -77,7 +78,7 @@ def dark_nodes(graph: Graph, strengths: Sequence[float]) -> frozenset[int]:
     return frozenset(range(len(graph.nodes))) - {n for n, _ in bright}
 
 
-class _Part(NamedTuple):
+class Part(NamedTuple):
     """What shines in a frame.
 
     Attributes
@@ -90,10 +91,28 @@ class _Part(NamedTuple):
         Radius of the ball about the box's centre that contains it, if that is less than the box.
     """
 
-    lower: Floats
-    upper: Floats
+    lower: Vec3
+    upper: Vec3
     power: float
     ball: float
+
+
+class Glow(NamedTuple):
+    """Something that shines in the frame of a state.
+
+    Attributes
+    ----------
+    state
+        Number of the state, -1 for a primitive.
+    part
+        Its light, in its own frame.
+    place
+        Its place.
+    """
+
+    state: int
+    part: Part
+    place: Affine
 
 
 def shining_covers(states: StateGraph, strengths: Sequence[float]) -> Floats:
@@ -115,7 +134,7 @@ def shining_covers(states: StateGraph, strengths: Sequence[float]) -> Floats:
     if not (states.finite and states.acyclic):
         return np.empty((0, COLUMNS))
     shining = _Shining(states, strengths)
-    return shining.cut() if shining.parts[0] is not None else np.empty((0, COLUMNS))
+    return cut_light(shining.parts[0], shining.items)
 
 
 class _Shining:
@@ -130,120 +149,177 @@ class _Shining:
     def __init__(self, states: StateGraph, strengths: Sequence[float]) -> None:
         self.states = states
         self.strengths = strengths
-        self.parts: list[_Part | None] = [None] * len(states.states)
+        self.parts: list[Part | None] = [None] * len(states.states)
         for k in states.children_first:
-            self.parts[k] = self._gather(k)
+            self.parts[k] = _gather(self.items(k))
 
-    def _items(self, k: int) -> list[tuple[LeafItem | StateItem, _Part, Affine]]:
-        """Return what shines in a state: the item, its light, and its place in the state."""
-        found: list[tuple[LeafItem | StateItem, _Part, Affine]] = []
+    def items(self, k: int, most: float = math.inf) -> list[Glow]:
+        """Return what shines in a state, but nothing where that is more than `most`."""
+        found: list[Glow] = []
         for item in self.states.states[k].content or ():
             if isinstance(item, LeafItem):
                 leaf = self._leaf(item)
                 if leaf is not None:
-                    found.append((item, leaf, item.state_from_leaf))
+                    found.append(Glow(-1, leaf, item.state_from_leaf))
             elif isinstance(item, StateItem):
                 inner = self.parts[item.state]
                 if inner is not None:
-                    found.append((item, inner, item.state_from_child))
-        return found
+                    found.append(Glow(item.state, inner, item.state_from_child))
+        return found if len(found) <= most else []
 
-    def _leaf(self, item: LeafItem) -> _Part | None:
+    def _leaf(self, item: LeafItem) -> Part | None:
         """Return what a primitive sends out, in its own frame; None for nothing."""
-        material = item.attributes[_MATERIAL]
-        number = -1 if math.isnan(material) else int(material)
+        number = material_number(item.attributes[_MATERIAL])
         strength = self.strengths[number] if number >= 0 else 0.0
         node = self.states.graph.nodes[item.node]
         assert isinstance(node, Leaf)
-        box = node.bounds_of(item.args)
-        finite = all(map(math.isfinite, (*box.lower, *box.upper)))
-        if not strength > 0.0 or not finite or box.lower[0] > box.upper[0]:
-            return None
-        lower, upper = np.array(box.lower), np.array(box.upper)
-        ball = math.inf
-        if node.solid.ball is not None and not node.constants:
-            away = np.array(node.solid.ball[0]) - (lower + upper) / 2
-            ball = node.solid.ball[1] + float(np.linalg.norm(away))
-        return _Part(lower, upper, strength * _surface(lower, upper, IDENTITY), ball)
+        return leaf_part(node, item.args, strength)
 
-    def _gather(self, k: int) -> _Part | None:
-        """Return all that shines in a state."""
-        items = self._items(k)
-        if not items:
-            return None
-        boxes = [_placed_box(part, place) for _, part, place in items]
-        power = sum(_placed_power(item, part, place) for item, part, place in items)
-        lower = np.min([box[0] for box in boxes], axis=0)
-        upper = np.max([box[1] for box in boxes], axis=0)
-        return _Part(lower, upper, power, math.inf)
 
-    def cut(self) -> Floats:
-        """Return the covers of a cut."""
-        rows: list[Floats] = []
-        # Most light first; numbers tell apart what shines alike.
-        numbers = itertools.count()
-        waiting: list[tuple[float, int, int, Affine]] = []
+def material_number(attribute: float) -> int:
+    """Return the number of a material; -1 for none, and where nothing reads it."""
+    return -1 if math.isnan(attribute) else int(attribute)
 
-        def wait(k: int, world: Affine, power: float) -> None:
-            heapq.heappush(waiting, (-power, next(numbers), k, world))
 
-        root = self.parts[0]
-        wait(0, IDENTITY, root.power if root else 0.0)
-        while waiting:
-            power, _, k, world = heapq.heappop(waiting)
-            items = self._items(k)
-            if len(rows) + len(waiting) + len(items) > MOST_COVERS:
-                part = self.parts[k]
-                assert part is not None
-                rows.append(_cover(part, world, -power))
-                continue
-            for item, part, place in items:
-                inner = compose_affine(world, place)
-                power = _placed_power(item, part, inner)
-                if isinstance(item, StateItem):
-                    wait(item.state, inner, power)
-                else:
-                    rows += _pieces(part, inner, power)
-        return np.array(rows)
+def leaf_part(node: Leaf, args: tuple[float, ...], strength: float) -> Part | None:
+    """Return what a primitive sends out, in its own frame; None for nothing."""
+    if not strength > 0.0:
+        return None
+    box = node.bounds_of(args)
+    if not all(map(math.isfinite, (*box.lower, *box.upper))) or box.lower[0] > box.upper[0]:
+        return None
+    lower, upper = Vec3(*box.lower), Vec3(*box.upper)
+    ball = math.inf
+    if node.solid.ball is not None and not node.constants:
+        away = np.array(node.solid.ball[0]) - (np.array(lower) + np.array(upper)) / 2
+        ball = node.solid.ball[1] + float(np.linalg.norm(away))
+    return Part(lower, upper, strength * _surface(IDENTITY, lower, upper), ball)
+
+
+def _gather(items: list[Glow]) -> Part | None:
+    """Return all that shines in a state."""
+    if not items:
+        return None
+    lower, upper = _NOTHING
+    power = 0.0
+    for glow in items:
+        own = _box(glow.place, glow.part.lower, glow.part.upper)
+        lower, upper = _join(lower, upper, *own)
+        # Not `sum`, which rounds in another way.
+        power += _power_of(glow, glow.place)
+    return Part(lower, upper, power, math.inf)
+
+
+def _power_of(glow: Glow, place: Affine) -> float:
+    """Return what something sends out in its place."""
+    part = glow.part
+    if glow.state >= 0:
+        found: float = part.power * _growth(place)
+    else:
+        found = part.power * _widening(place, part.lower, part.upper)
+    return found
+
+
+def cut_light(root: Part | None, items: Callable[[int, float], list[Glow]]) -> Floats:
+    """Return the covers of a cut through a hierarchy of light.
+
+    Parameters
+    ----------
+    root
+        What shines in the axiom.
+    items
+        Returns what shines in a state, but nothing where that is more than so many.
+    """
+    rows: list[Floats] = []
+    # Most light first; numbers tell apart what shines alike.
+    numbers = itertools.count()
+    waiting: list[tuple[float, int, int, Part, Affine]] = []
+    if root is not None:
+        waiting.append((-root.power, next(numbers), 0, root, IDENTITY))
+    while waiting:
+        power, _, k, part, world = heapq.heappop(waiting)
+        found = items(k, MOST_COVERS - len(rows) - len(waiting))
+        if not found:
+            rows.append(_cover(part, world, -power))
+        for glow in found:
+            place = compose_affine(world, glow.place)
+            power = _power_of(glow, place)
+            if glow.state >= 0:
+                entry = -power, next(numbers), glow.state, glow.part, place
+                heapq.heappush(waiting, entry)
+            else:
+                rows += _pieces(glow.part, place, power)
+    return np.array(rows) if rows else np.empty((0, COLUMNS))
+
+
+# The arithmetic of the hierarchy, the same in Python and in compiled code.
+
+
+@njit
+def surface(place: Affine, lower: Vec3, upper: Vec3) -> float:
+    """Return the surface of a box in its place."""
+    x, y, z = upper.x - lower.x, upper.y - lower.y, upper.z - lower.z
+    a = Vec3(place.m00 * x, place.m10 * x, place.m20 * x)
+    b = Vec3(place.m01 * y, place.m11 * y, place.m21 * y)
+    c = Vec3(place.m02 * z, place.m12 * z, place.m22 * z)
+    ab, ac, bc = cross(a, b), cross(a, c), cross(b, c)
+    return 2.0 * (math.sqrt(dot(ab, ab)) + math.sqrt(dot(ac, ac)) + math.sqrt(dot(bc, bc)))
+
+
+@njit
+def widening(place: Affine, lower: Vec3, upper: Vec3) -> float:
+    """Return how much larger the surface of a box is in its place."""
+    return surface(place, lower, upper) / max(surface(IDENTITY, lower, upper), 1e-300)
+
+
+@njit
+def growth(place: Affine) -> float:
+    """Return how much larger surfaces are in a place, on average."""
+    a = Vec3(place.m00, place.m10, place.m20)
+    b = Vec3(place.m01, place.m11, place.m21)
+    c = Vec3(place.m02, place.m12, place.m22)
+    determinant: float = dot(cross(a, b), c)
+    larger: float = abs(determinant) ** (2.0 / 3.0)
+    return larger
+
+
+@njit
+def place_box(place: Affine, lower: Vec3, upper: Vec3) -> tuple[Vec3, Vec3]:
+    """Return the corners of the box about a box in its place."""
+    x, y, z = (lower.x + upper.x) / 2, (lower.y + upper.y) / 2, (lower.z + upper.z) / 2
+    u, v, w = (upper.x - lower.x) / 2, (upper.y - lower.y) / 2, (upper.z - lower.z) / 2
+    cx = place.m00 * x + place.m01 * y + place.m02 * z + place.m03
+    cy = place.m10 * x + place.m11 * y + place.m12 * z + place.m13
+    cz = place.m20 * x + place.m21 * y + place.m22 * z + place.m23
+    hx = abs(place.m00) * u + abs(place.m01) * v + abs(place.m02) * w
+    hy = abs(place.m10) * u + abs(place.m11) * v + abs(place.m12) * w
+    hz = abs(place.m20) * u + abs(place.m21) * v + abs(place.m22) * w
+    return Vec3(cx - hx, cy - hy, cz - hz), Vec3(cx + hx, cy + hy, cz + hz)
+
+
+@njit
+def join_corners(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> tuple[Vec3, Vec3]:
+    """Return the corners of the box about two boxes."""
+    lower = Vec3(min(a.x, c.x), min(a.y, c.y), min(a.z, c.z))
+    return lower, Vec3(max(b.x, d.x), max(b.y, d.y), max(b.z, d.z))
+
+
+_surface, _widening, _growth = plain(surface), plain(widening), plain(growth)
+_box, _join = plain(place_box), plain(join_corners)
+_NOTHING = Vec3(math.inf, math.inf, math.inf), Vec3(-math.inf, -math.inf, -math.inf)
 
 
 def _linear(place: Affine) -> Floats:
     return np.array(place).reshape(3, 4)[:, :3]
 
 
-def _scale(place: Affine) -> float:
-    """Return how much a place lengthens, on average."""
-    return math.cbrt(abs(float(np.linalg.det(_linear(place)))))
-
-
-def _surface(lower: Floats, upper: Floats, place: Affine) -> float:
-    """Return the surface of a box in its place."""
-    sides = _linear(place) * (upper - lower)
-    pairs = ((0, 1), (0, 2), (1, 2))
-    return 2.0 * sum(float(np.linalg.norm(np.cross(sides[:, i], sides[:, j]))) for i, j in pairs)
-
-
-def _placed_power(item: LeafItem | StateItem, part: _Part, place: Affine) -> float:
-    """Return what a part sends out in its place."""
-    if isinstance(item, StateItem):
-        return part.power * _scale(place) ** 2
-    before = _surface(part.lower, part.upper, IDENTITY)
-    return part.power * _surface(part.lower, part.upper, place) / max(before, 1e-300)
-
-
-def _placed_box(part: _Part, place: Affine) -> tuple[Floats, Floats]:
-    """Return the corners of the box about a part in its place."""
-    center = _linear(place) @ (part.lower + part.upper) / 2 + np.array(place)[3::4]
-    half = np.abs(_linear(place)) @ (part.upper - part.lower) / 2
-    return center - half, center + half
-
-
-def _cover(part: _Part, place: Affine, power: float) -> Floats:
+def _cover(part: Part, place: Affine, power: float) -> Floats:
     """Return the cover of a part in its place: a ball, or a box if it is flat."""
     row = np.zeros(COLUMNS)
+    lower, upper = np.array(part.lower), np.array(part.upper)
     linear = _linear(place)
-    row[CENTER] = linear @ (part.lower + part.upper) / 2 + np.array(place)[3::4]
-    sides = linear * (part.upper - part.lower) / 2
+    row[CENTER] = linear @ (lower + upper) / 2 + np.array(place)[3::4]
+    sides = linear * (upper - lower) / 2
     signs = np.array([(1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1)])
     radius = float(np.linalg.norm(signs @ sides.T, axis=1).max())
     lengths = np.linalg.norm(sides, axis=0)
@@ -266,18 +342,19 @@ def _cover(part: _Part, place: Affine, power: float) -> Floats:
     return row
 
 
-def _pieces(part: _Part, place: Affine, power: float) -> list[Floats]:
+def _pieces(part: Part, place: Affine, power: float) -> list[Floats]:
     """Return covers along a primitive, which is cut where it is longer than wide."""
-    lengths = np.linalg.norm(_linear(place), axis=0) * (part.upper - part.lower)
+    low, high = np.array(part.lower), np.array(part.upper)
+    lengths = np.linalg.norm(_linear(place), axis=0) * (high - low)
     axis = int(lengths.argmax())
     middle = float(np.sort(lengths)[1])
     count = min(math.ceil(float(lengths[axis]) / max(middle, 1e-300) - 0.5), MOST_PIECES)
     if count < 2:
         return [_cover(part, place, power)]
-    ends = np.linspace(part.lower[axis], part.upper[axis], count + 1)
+    ends = np.linspace(low[axis], high[axis], count + 1)
     found = []
     for start, end in itertools.pairwise(ends):
-        lower, upper = part.lower.copy(), part.upper.copy()
-        lower[axis], upper[axis] = start, end
-        found.append(_cover(_Part(lower, upper, 0.0, math.inf), place, power / count))
+        low[axis], high[axis] = start, end
+        piece = Part(Vec3(*low.tolist()), Vec3(*high.tolist()), 0.0, math.inf)
+        found.append(_cover(piece, place, power / count))
     return found

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pcsg.graph.bounds import HyperBoxes, hyper_boxes
 from pcsg.graph.counts import count_primitives
@@ -15,17 +18,88 @@ from pcsg.graph.states import LeafItem, StateGraph
 from pcsg.graph.unroll import enumerate_states
 from pcsg.leaf.blob import BlobSource
 from pcsg.leaf.mesh import MeshModel
-from pcsg.leaf.registry import Box
 
 OPEN_EDGES = 10
 """Open edges of a mesh that are told."""
 
 
-def graph_stats(
+class Counts(NamedTuple):
+    """What is counted in the states of a graph.
+
+    Attributes
+    ----------
+    states
+        Their number without the axiom, None where there are too many.
+    primitives
+        The exact number of primitives, None where it is not known.
+    leaves
+        Leaves with data that were met, each with its numbers once.
+    """
+
+    states: int | None
+    primitives: int | None
+    leaves: Sequence[tuple[Leaf, tuple[float, ...]]]
+
+
+class Census(NamedTuple):
+    """What statistics are made of.
+
+    Attributes
+    ----------
+    states, primitives, leaves
+        See `Counts`.
+    boxes
+        ``exact``, ``interval`` or ``unbounded``: where the bounds come from.
+    bounds, scene_bounds : float64 (2, 3)
+        The box of the axiom, and the one without unbounded solids in unions; lower above upper
+        where nothing is there.
+    nbytes
+        Bytes of what was made for it, by name.
+    """
+
+    states: int | None
+    primitives: int | None
+    leaves: Sequence[tuple[Leaf, tuple[float, ...]]]
+    boxes: str
+    bounds: NDArray[np.float64]
+    scene_bounds: NDArray[np.float64]
+    nbytes: Mapping[str, int]
+
+
+def take_census(
     graph: Graph,
     globals_values: Mapping[str, float] | None = None,
     states: StateGraph | None = None,
     boxes: HyperBoxes | None = None,
+    counts: Counts | None = None,
+) -> Census:
+    """Return what statistics are made of.
+
+    Parameters
+    ----------
+    globals_values
+        Values of SEED, TIME and the like; by default those of `GLOBALS`.
+    states, boxes
+        Results of `enumerate_states` and `hyper_boxes` with these values, where they are known.
+    counts
+        What was counted elsewhere.
+    """
+    states = states or enumerate_states(graph, globals_values)
+    boxes = boxes or hyper_boxes(graph, globals_values, states)
+    counts = counts or Counts(
+        states.count if states.finite else None,
+        count_primitives(graph, globals_values),
+        _data_leaves(graph, states),
+    )
+    made = {"boxes": boxes.boxes.nbytes}
+    scene, bounded = (np.array([b.lower, b.upper]) for b in (boxes.scene, boxes.scene_box))
+    return Census(*counts, boxes.kind, scene, bounded, made)
+
+
+def graph_stats(
+    graph: Graph,
+    globals_values: Mapping[str, float] | None = None,
+    census: Census | None = None,
     nbytes: Mapping[str, int] | None = None,
 ) -> dict[str, Any]:
     """Return a graph's statistics as an object that JSON can carry.
@@ -34,8 +108,8 @@ def graph_stats(
     ----------
     globals_values
         Values of SEED, TIME and the like; by default those of `GLOBALS`.
-    states, boxes
-        Results of `enumerate_states` and `hyper_boxes` with these values, where they are known.
+    census
+        What was counted with these values, where that is known.
     nbytes
         Bytes of packed forms by their names, which later stages know.
 
@@ -52,22 +126,21 @@ def graph_stats(
         number of its open edges and the ends of the first ones, and what of its file is left out or
         mended; ``notes`` where there is more that a user should know.
     """
-    states = states or enumerate_states(graph, globals_values)
-    boxes = boxes or hyper_boxes(graph, globals_values, states)
+    census = census or take_census(graph, globals_values)
     kinds = Counter(type(node).__name__.lower() for node in graph.nodes)
     return {
         "nodes": {"total": len(graph.nodes), **dict(sorted(kinds.items()))},
         "edges": sum(len(below) for below in graph.successors),
         "parameters": list(graph.parameters),
-        "states": states.count if states.finite else None,
-        "primitives": count_primitives(graph, globals_values),
-        "boxes": boxes.kind,
-        "bounds": _corners(boxes.scene),
-        "scene_bounds": _corners(boxes.scene_box),
-        "bytes": {"boxes": boxes.boxes.nbytes, **(nbytes or {})},
-        **_junctions(graph, states),
+        "states": census.states,
+        "primitives": census.primitives,
+        "boxes": census.boxes,
+        "bounds": _corners(census.bounds),
+        "scene_bounds": _corners(census.scene_bounds),
+        "bytes": {**census.nbytes, **(nbytes or {})},
+        **_junctions(census.leaves),
         **_meshes(graph),
-        **_notes(graph, states),
+        **_notes(census.leaves),
     }
 
 
@@ -95,10 +168,10 @@ def _meshes(graph: Graph) -> dict[str, Any]:
     return {"meshes": described}
 
 
-def _junctions(graph: Graph, states: StateGraph) -> dict[str, Any]:
+def _junctions(leaves: Sequence[tuple[Leaf, tuple[float, ...]]]) -> dict[str, Any]:
     """Return the junctions of all trees; nothing where there is none."""
     ratios: list[float] = []
-    for node, args in _leaves(graph, states):
+    for node, args in leaves:
         for constant in node.constants:
             areas = constant.junctions(args) if isinstance(constant, BlobSource) else None
             ratios += areas.ratio.tolist() if areas is not None else []
@@ -110,16 +183,15 @@ def _junctions(graph: Graph, states: StateGraph) -> dict[str, Any]:
     return {"junctions": found}
 
 
-def _notes(graph: Graph, states: StateGraph) -> dict[str, Any]:
+def _notes(leaves: Sequence[tuple[Leaf, tuple[float, ...]]]) -> dict[str, Any]:
     """Return what users should know of leaves; nothing where that is nothing."""
-    leaves = _leaves(graph, states)
     told = (n for node, args in leaves for n in node.solid.notes_of(node.constants, args))
     notes = list(dict.fromkeys(told))
     return {"notes": notes} if notes else {}
 
 
-def _leaves(graph: Graph, states: StateGraph) -> list[tuple[Leaf, tuple[float, ...]]]:
-    """Return the leaves of all states, each with its numbers once."""
+def _data_leaves(graph: Graph, states: StateGraph) -> list[tuple[Leaf, tuple[float, ...]]]:
+    """Return the leaves with data of all states, each with its numbers once."""
     found = {
         (item.node, item.args)
         for state in states.states
@@ -127,13 +199,11 @@ def _leaves(graph: Graph, states: StateGraph) -> list[tuple[Leaf, tuple[float, .
         if isinstance(item, LeafItem)
     }
     nodes = ((graph.nodes[number], args) for number, args in sorted(found))
-    return [(node, args) for node, args in nodes if isinstance(node, Leaf)]
+    return [(node, args) for node, args in nodes if isinstance(node, Leaf) and node.constants]
 
 
-def _corners(box: Box) -> list[list[float | None]] | None:
+def _corners(box: NDArray[np.float64]) -> list[list[float | None]] | None:
     """Return a box's corners; infinities become None, because JSON has none."""
-    if any(a > b for a, b in zip(box.lower, box.upper, strict=True)):
+    if (box[0] > box[1]).any():
         return None
-    return [
-        [x if abs(x) < float("inf") else None for x in corner] for corner in (box.lower, box.upper)
-    ]
+    return [[x if math.isfinite(x) else None for x in corner] for corner in box.tolist()]

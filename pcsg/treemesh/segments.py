@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcsg.errors import UsageError
+from pcsg.graph.leaves import Leaves
 from pcsg.treemesh.merging import merge_all
 from pcsg.treemesh.skeleton import FLARE, Floats, Ints, Skeleton, connected_groups
 
@@ -40,6 +41,31 @@ class Assembled(NamedTuple):
 
     skeleton: Skeleton
     notes: tuple[str, ...]
+
+
+def segments_of(leaves: Leaves) -> tuple[Segments, int]:
+    """Return the cylinders and cones among primitives, and how many others there are.
+
+    What a difference or an intersection carves is none.
+    """
+    names = np.array(leaves.name)
+    cones = names == "cone"
+    here = np.flatnonzero(((names == "cylinder") | cones) & ~leaves.carved)
+    top = np.array([leaves.arguments[k][0] if cones[k] else 1.0 for k in here.tolist()])
+    m = leaves.matrix[here]
+    x, y, z, foot = (m[:, :, k] for k in range(4))
+    # The section of a cylinder may be an ellipse: the circle of the same area counts.
+    length = np.maximum(np.sqrt((z * z).sum(axis=1)), 1e-300)
+    radius = np.sqrt(np.abs((np.cross(x, y) * z).sum(axis=1)) / length)
+    ends = np.stack([radius, radius * top], axis=1)
+    others = len(names) - len(here) - int(np.count_nonzero(names == "empty"))
+    return Segments(foot, foot + z, ends, leaves.label[here]), others
+
+
+def join_segments(parts: Sequence[Segments]) -> Segments:
+    """Return segments one after the other."""
+    none = Segments(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty(0, np.int64))
+    return Segments(*(np.concatenate(some) for some in zip(none, *parts, strict=True)))
 
 
 def skeleton_of_segments(segments: Segments, reach: float | None = None) -> Assembled:

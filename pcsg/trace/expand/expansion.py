@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -72,6 +72,8 @@ class Expansion:
     leaves
         Returns how many leaves the whole derivation has, None where that is not known. Where
         hardly any states are alike, it tells early that there will be too many.
+    without
+        Nodes that are taken to be empty.
 
     Attributes
     ----------
@@ -97,13 +99,14 @@ class Expansion:
         models: ModelPool,
         max_bytes: int,
         leaves: Callable[[], int | None] = lambda: None,
+        without: Collection[int] = frozenset(),
     ) -> None:
         self.graph = graph
         self.values = values
         self.diagnostics: list[Diagnostic] = []
         self.model_values: dict[int, list[tuple[float, ...]]] = {}
         self.order: NDArray[np.int32] | None = None
-        self._writer = ProgramWriter(graph, models)
+        self._writer = ProgramWriter(graph, models, without)
         self.programs = self._writer.write()
         self.table = _make_table(self.programs)
         self._leaves = leaves
@@ -124,6 +127,15 @@ class Expansion:
     def n_items(self) -> int:
         """Number of items of all states."""
         return int(self.table.counters[N_ITEMS])
+
+    @property
+    def leaf_nodes(self) -> list[int]:
+        """The node of every leaf that items may name."""
+        return self._writer.leaf_nodes
+
+    def link_of(self, module: int, program: int) -> tuple[int, int, int]:
+        """Return the node of a module, the rule that leads to a program, and its first node."""
+        return self._writer.link_of(module, program)
 
     def take_items(self) -> Table:
         """Return the table, whose states can no longer be told apart: their values are given up."""

@@ -21,6 +21,7 @@ from pcsg.trace.expand.clusters import (
     measure_states,
 )
 from pcsg.trace.expand.expansion import Expansion
+from pcsg.trace.expand.extremes import outermost_boxes
 from pcsg.trace.expand.flatten import finish_layout, lay_out
 from pcsg.trace.expand.layout import (
     COUNTERS,
@@ -50,8 +51,10 @@ class Packed(NamedTuple):
     ----------
     blocks
         Its blocks.
+    box : float64 (2, 3)
+        Box about everything; lower above upper where nothing is.
     bounded : float64 (2, 3)
-        Box about all that is bounded; lower above upper where nothing is.
+        Box about all that is bounded.
     leaves : float
         Leaves of the whole expansion.
     clusters : int
@@ -59,6 +62,7 @@ class Packed(NamedTuple):
     """
 
     blocks: Blocks
+    box: NDArray[np.float64]
     bounded: NDArray[np.float64]
     leaves: float
     clusters: int
@@ -90,8 +94,12 @@ def pack_expansion(expansion: Expansion) -> Packed:
     arrays = programs, table, sizes, order, limit, root_limit, layout, out, work, build
     while not lay_out(*arrays, SLICE):
         pass
+    root = layout.list_of[0]
+    first, end = int(layout.list_first[root]), int(layout.list_end[root])
+    outermost = outermost_boxes(programs, table, layout, out, work, first, end)
+    bounded = _hull(outermost[np.isfinite(outermost).all(axis=1)])
     finish_layout(layout)
-    return _collect(layout, out, whole, len(clusters))
+    return Packed(_collect(layout, out), _hull(outermost), bounded, whole, len(clusters))
 
 
 def _make_layout(
@@ -150,7 +158,7 @@ def _make_work(depth: int, most: int, table: Table) -> LayoutWork:
     )
 
 
-def _collect(layout: Layout, out: Hierarchies, leaves: float, clusters: int) -> Packed:
+def _collect(layout: Layout, out: Hierarchies) -> Blocks:
     """Return what was laid out, cut to its size."""
 
     def used(array: NDArray[Any], counter: int, each: int = 1) -> NDArray[Any]:
@@ -161,9 +169,8 @@ def _collect(layout: Layout, out: Hierarchies, leaves: float, clusters: int) -> 
     boxes = layout.boxes[: 6 * rows].reshape(-1, 6)
     root = layout.list_of[0]
     own = boxes[layout.list_first[root] : layout.list_end[root]]
-    bounded = own[np.isfinite(own).all(axis=1)]
     attributes = layout.attributes[: N_ATTRIBUTES * records]
-    blocks = Blocks(
+    return Blocks(
         boxes=used(out.boxes, N_BLOCKS, 6 * WIDTH),
         refs=used(out.refs, N_BLOCKS, WIDTH),
         inverses=used(layout.matrices, N_ROWS, 12),
@@ -179,7 +186,6 @@ def _collect(layout: Layout, out: Hierarchies, leaves: float, clusters: int) -> 
         root=int(layout.list_block[root]),
         box=_hull(own) if len(own) else np.zeros((2, 3)),
     )
-    return Packed(blocks, _hull(bounded), leaves, clusters)
 
 
 def _hull(boxes: NDArray[np.float64]) -> NDArray[np.float64]:

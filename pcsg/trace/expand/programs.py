@@ -10,6 +10,8 @@ an operand are saved before it and restored behind it.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +24,7 @@ from pcsg.graph.expr import Number
 from pcsg.graph.graph import Graph
 from pcsg.graph.liveness import Liveness, successors_first
 from pcsg.graph.nodes import Leaf, Operation, Selection, Transformation
+from pcsg.graph.operators import UNION
 from pcsg.graph.unroll import cuts
 from pcsg.leaf.registry import Model, Solid
 from pcsg.trace.bounding import BALL, CORNERS, SUPPORT
@@ -113,6 +116,8 @@ class ProgramWriter:
         The graph.
     models
         Receives the models of leaves with data.
+    without
+        Nodes that are taken to be empty.
 
     Attributes
     ----------
@@ -124,8 +129,11 @@ class ProgramWriter:
         Leaves with data whose models depend on the place.
     """
 
-    def __init__(self, graph: Graph, models: ModelPool) -> None:
+    def __init__(
+        self, graph: Graph, models: ModelPool, without: Collection[int] = frozenset()
+    ) -> None:
         self.graph = graph
+        self.without = without
         self.models = models
         self.liveness = Liveness(graph)
         self.code = GraphCode(graph, self.liveness)
@@ -134,8 +142,9 @@ class ProgramWriter:
         self.varying: list[int] = []
         self._module_of = {n: k for k, n in enumerate(self.module_nodes)}
         self._leaf_of: dict[int, int] = {}
-        # A program begins at a node; one that begins at a module's own node looks into it.
-        self._programs: dict[tuple[int, bool], int] = {(0, False): 0}
+        # A program begins at a node; one that begins at a module's own node looks into it. Rules of
+        # a module that are alike have programs of their own, so that states know their rule.
+        self._programs: dict[tuple[int, bool, int], int] = {(0, False, 0): 0}
         self._steps: list[int] = []
         self._slots: list[int] = []
         self._leaves: list[int] = []
@@ -153,7 +162,7 @@ class ProgramWriter:
         modules, rules = self._write_modules()
         starts: list[int] = []
         live_at, live = [0], list[int]()
-        for n, opened in self._programs:
+        for n, opened, _ in self._programs:
             starts.append(len(self._steps) // STEP_FIELDS)
             self._write_program(n, opened)
             live += self.liveness.slots[n]
@@ -200,7 +209,12 @@ class ProgramWriter:
                 modules += [0, n]
                 rules.append(self._program(n, opened=True))
                 continue
-            numbers = {k: self._program(self.graph.number[r]) for k, r in node.rules.items()}
+            alike = Counter[int]()
+            numbers: dict[int, int] = {}
+            for k, r in node.rules.items():
+                start = self.graph.number[r]
+                numbers[k] = self._program(start, alike=alike[start])
+                alike[start] += 1
             if node.select is None:
                 modules += [0, n]
                 rules.append(next(iter(numbers.values())))
@@ -210,9 +224,9 @@ class ProgramWriter:
             rules += [numbers.get(k, -1) for k in range(max(numbers) + 1)]
         return modules, rules
 
-    def _program(self, n: int, opened: bool = False) -> int:
+    def _program(self, n: int, opened: bool = False, alike: int = 0) -> int:
         """Return the number of the program that begins at a node."""
-        return self._programs.setdefault((n, opened), len(self._programs))
+        return self._programs.setdefault((n, opened, alike), len(self._programs))
 
     def _write_program(self, start: int, opened: bool) -> None:
         """Write the steps of a right-hand side."""
@@ -233,6 +247,12 @@ class ProgramWriter:
                 continue
             n = entry
             node = graph.nodes[n]
+            if n in self.without:
+                self._emit(BEGIN, UNION.kind, 0)
+                self._emit(END)
+                items += 1
+                operations = max(operations, deep[2] + 1)
+                continue
             if n in self._module_of and not (opened and n == start):
                 self._emit(STATE_STEP, self._module_of[n])
                 items += 1
@@ -375,7 +395,7 @@ class ProgramWriter:
         """Return the node of a module, the rule that leads to a program, and its first node."""
         n = self.module_nodes[module]
         node = self.graph.nodes[n]
-        start = list(self._programs)[program][0]
+        start, _, alike = list(self._programs)[program]
         if not isinstance(node, Selection):
             return n, 0, start
-        return n, next(k for k, r in node.rules.items() if self.graph.number[r] == start), start
+        return n, [k for k, r in node.rules.items() if self.graph.number[r] == start][alike], start
