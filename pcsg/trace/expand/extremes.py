@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.geometry.bvh import Hierarchies
 from pcsg.graph.hulls import TOLERANCE
 from pcsg.jit import njit
-from pcsg.trace.accel.build import Hierarchies
 from pcsg.trace.expand.boxes import find_support
 from pcsg.trace.expand.layout import Layout, LayoutWork
 from pcsg.trace.expand.programs import Programs
