@@ -311,7 +311,7 @@ def test_an_interrupt_keeps_the_partial_picture(tmp_path):
 
 def test_warmup_tells_what_it_has_compiled(run):
     took = json.loads(run("warmup", "--json").output)
-    assert len(took) >= 3
+    assert {"recursion that ends", "many states", "states on demand"} <= set(took)
     assert all(seconds >= 0.0 for seconds in took.values())
     assert "s\n" in run("warmup").output
 

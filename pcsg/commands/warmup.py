@@ -14,6 +14,14 @@ if TYPE_CHECKING:
 
 _GRAMMAR = "sphere \\ uscale(0.5) box"
 
+_REPEATED = """
+{n = 9} M
+M 1 + (n > 0)
+1: M -> sphere
+2: M -> {n = n-1} uscale(0.5) (M | move(2,0,0) M | move(0,2,0) M | move(0,0,2) M)
+"""
+"""A grammar in which states stand in several places, so that recursion can end there."""
+
 _MANY = """
 {n = 12; s = SEED} M
 M 1 + (n > 0)
@@ -32,6 +40,7 @@ def _kernels() -> Iterator[tuple[str, Callable[[], object]]]:
     from pcsg.render.textures import evaluate
 
     states = pcsg.loads(_GRAMMAR, engine="states", threads=1)
+    repeated = pcsg.loads(_REPEATED, threads=1)
     many = pcsg.loads(_MANY, threads=1)
     lazy = pcsg.loads(_MANY, threads=1, block_memory=0)
     walked = pcsg.loads(_GRAMMAR, engine="cyclic", threads=1)
@@ -39,6 +48,7 @@ def _kernels() -> Iterator[tuple[str, Callable[[], object]]]:
     yield "rays through states", lambda: states.intersect(*rays)
     yield "surface coordinates", lambda: states.intersect(*rays).uv
     yield "pictures", lambda: pcsg.render(states, size=(8, 8), samples=2)
+    yield "recursion that ends", lambda: pcsg.render(repeated, size=(8, 8), samples=2)
     yield "many states", lambda: pcsg.render(many, size=(8, 8), samples=1)
     yield "what is asked about many states", lambda: _ask(many)
     yield "states on demand", lambda: pcsg.render(lazy, size=(8, 8), samples=1)

@@ -56,11 +56,12 @@ _SPANNED = 65_536
 
 _LABEL = ATTRIBUTE_SLOTS.index("@label")
 
-_MEASURED = 2_000
-"""Clusters that are measured, so that recursion can end there."""
-
 RAYS_IN_ALL = 300_000
 """Rays that measure what instances lead to, all together."""
+
+_FEWEST = 4
+"""Rays for each field of directions, at least: clusters that no rays are left for are not measured,
+and recursion does not end there."""
 
 
 class StatesTracer(StatesEngine):
@@ -191,7 +192,8 @@ class StatesTracer(StatesEngine):
     def _find(
         self, rays: Rays, want: int, out: Any, footprint: Footprint | None
     ) -> NDArray[np.int8]:
-        ends, limits = self._ends if footprint is not None else (None, None)
+        found = None if footprint is None else self._ends
+        ends, limits = (None, None) if found is None else found
         return self._cast(rays, want, out, footprint, ends, self.blocks.root, self._extent, limits)
 
     def _cast(
@@ -243,22 +245,28 @@ class StatesTracer(StatesEngine):
         return own
 
     @property
-    def _ends(self) -> tuple[Ends, _Limits]:
+    def _ends(self) -> tuple[Ends, _Limits] | None:
         with self._lock_of_ends:
             return self._measured
 
     @cached_property
-    def _measured(self) -> tuple[Ends, _Limits]:
-        """Measure what instances lead to."""
+    def _measured(self) -> tuple[Ends, _Limits] | None:
+        """Measure what instances lead to; None where there is none.
+
+        Hierarchies of what is flattened end within a block or two of a pixel anyway.
+        """
         blocks = self.blocks
         kinds = blocks.refs & 7
         instances = _different(blocks.refs[kinds == INSTANCE] >> 3)
+        if len(instances) == 0:
+            return None
         below = blocks.targets[instances]
         of_place = np.full(len(blocks.targets), NEVER, np.int32)
         uses = np.bincount(below)
         # What stands in most places comes first, if there is too much of it.
-        targets = sorted(np.argsort(-uses, kind="stable")[: min(_MEASURED, (uses > 0).sum())])
-        per_bin = int(np.clip(RAYS_IN_ALL // (BINS * max(1, len(targets))), 4, RAYS_PER_BIN))
+        most = min(RAYS_IN_ALL // (BINS * _FEWEST), (uses > 0).sum())
+        targets = sorted(np.argsort(-uses, kind="stable")[:most])
+        per_bin = min(RAYS_IN_ALL // (BINS * len(targets)), RAYS_PER_BIN)
         collected: list[Collected] = []
         for target in targets:
             box = _box_of(blocks, target)

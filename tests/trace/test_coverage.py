@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import pcsg
+from pcsg.trace import tracer as trace
 from pcsg.trace.coverage import BINS, Footprint, direction_bin, rays_through
-from pcsg.trace.tracer import StatesTracer
+from pcsg.trace.tracer import RAYS_IN_ALL, StatesTracer
 
 GRAMMARS = Path(__file__).parents[2] / "grammars"
 SIDE = 192
@@ -69,6 +70,43 @@ def test_ends_do_not_depend_on_threads_or_order() -> None:
         found.append((hits.t[order], hits.normal[order], hits.leaf[order]))
     for a, b in zip(*found, strict=True):
         assert np.array_equal(a, b)
+
+
+SCATTERED = """
+{a = 0; n = 3000} HALF
+HALF if(n > 1, 2, 1)
+1: HALF -> move(9*rand(a,1), 9*rand(a,2), 9*rand(a,3)) uscale(0.1 + 0.1*rand(a,4)) sphere
+2: HALF -> {n = floor(n/2)} HALF | {a = a + floor(n/2); n = n - floor(n/2)} HALF
+"""
+
+
+def test_without_instances_pictures_see_everything() -> None:
+    scene = pcsg.loads(SCATTERED)
+    origins, directions, _ = view(scene, (0.6, -0.7, -0.4))
+    wide = Footprint(np.full(len(origins), 0.5), np.zeros(len(origins)))
+    whole = scene.tracer.intersect(origins, directions)
+    ended = scene.tracer.intersect(origins, directions, footprint=wide)  # type: ignore[call-arg]
+    assert whole.mask.any() and np.array_equal(whole.t, ended.t)
+    assert isinstance(scene.tracer, StatesTracer) and scene.tracer._ends is None
+
+
+def test_measuring_takes_no_more_rays_than_it_may(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Each of 300 kinds of clusters stands twice, and they have more leaves than are opened.
+    balls = " | ".join(f"move({k},0,0) sphere" for k in range(70))
+    text = "{i = 300} LOOP\nLOOP 1 + (i > 0)\n1: LOOP -> empty\n2: LOOP -> {i = i-1} (LOOP"
+    text += f" | move(0,i,0) ROW | move(0,i,9) ROW)\nROW 1\n1: ROW -> uscale(0.3+0.001*i) ({balls})"
+    tracer = pcsg.loads(text, threads=1).tracer
+    assert isinstance(tracer, StatesTracer)
+    cast: list[int] = []
+
+    def counted(*args: Any) -> Any:
+        cast.append(len(args[0]))
+        return rays_of(*args)
+
+    rays_of = trace.shape_rays
+    monkeypatch.setattr(trace, "shape_rays", counted)
+    assert tracer._ends is not None
+    assert 0.5 * RAYS_IN_ALL < sum(cast) <= RAYS_IN_ALL
 
 
 def test_fields_of_directions_are_even() -> None:
