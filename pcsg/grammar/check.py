@@ -13,7 +13,7 @@ from pcsg.grammar.names import Names
 from pcsg.grammar.places import check_part_places, check_places
 from pcsg.grammar.syntax import Arguments, Solid
 from pcsg.graph.attributes import ATTRIBUTES
-from pcsg.graph.expr import Apply, Expr, Parameter, applications
+from pcsg.graph.expr import Apply, Expr, Number, Parameter, applications
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.operators import SUM
 from pcsg.graph.settings import SETTINGS
@@ -27,7 +27,10 @@ MAX_ARGUMENTS = 1000
 CALLABLE = tuple(n for n in FUNCTIONS if n.isidentifier() and n not in ("and", "or", "not", "neg"))
 """Names of the functions that are written with parentheses."""
 
-Part = syntax.Use | syntax.Primitive | syntax.Unary | syntax.Block | syntax.BlendUse
+Part = syntax.Use | syntax.Primitive | syntax.Prefix | syntax.BlendUse
+
+FOR_ARGUMENTS = (2, 3)
+"""Numbers of arguments of a `for` behind its parameter."""
 
 
 def parts_of(solid: Solid | None) -> Iterator[Part]:
@@ -45,6 +48,8 @@ def parts_of(solid: Solid | None) -> Iterator[Part]:
         else:
             if isinstance(item, syntax.BlendUse):
                 stack.extend(reversed(item.fields))
+            elif isinstance(item, syntax.Repeat):
+                stack.extend(reversed(item.prefixes))
             yield item
 
 
@@ -109,6 +114,8 @@ def _parts_with_meaning(solid: Solid | None, of_fields: bool) -> Iterator[tuple[
         else:
             if isinstance(item, syntax.BlendUse):
                 stack.extend((f, inside) for f in reversed(item.fields))
+            elif isinstance(item, syntax.Repeat):
+                stack.extend((p, inside) for p in reversed(item.prefixes))
             yield item, inside
 
 
@@ -142,6 +149,10 @@ def check_meaning(body: Solid | None, of_fields: bool) -> list[Diagnostic]:
 
 def check_field(part: Part, names: Names, fields: set[str]) -> list[Diagnostic]:
     """Check what stands in a blob."""
+    if isinstance(part, (syntax.For, syntax.Repeat)):
+        word = "for" if isinstance(part, syntax.For) else "repeat"
+        instead = "let a module of the blob repeat it"
+        return [diagnose("not-a-field", f"`{word}` repeats solids", part.span, hint=instead)]
     if isinstance(part, syntax.BlendUse):
         least, most = FIELD_BLENDS[part.name]
         given = len(part.arguments.values)
@@ -248,6 +259,8 @@ def _check_part(
 ) -> list[Diagnostic]:
     if isinstance(part, syntax.Block):
         return check_numbers(expr for _, expr in part.assignments)
+    if isinstance(part, syntax.Repeat):
+        return check_numbers([part.count])
     problems = check_numbers(part.arguments.values) if part.arguments else []
     if isinstance(part, syntax.Use):
         return [*problems, *_check_use(part, names)]
@@ -255,6 +268,8 @@ def _check_part(
         return [*problems, *_check_primitive(part, names)]
     if isinstance(part, syntax.BlendUse):
         return problems
+    if isinstance(part, syntax.For):
+        return [*problems, *_check_for(part)]
     if part.attribute:
         return [*problems, *_check_attribute(part, names, setting_names)]
     return [*problems, *_check_transformation(part)]
@@ -357,6 +372,19 @@ def _unknown_name(use: syntax.Use, names: Names) -> Diagnostic:
     message = f"unknown primitive `{use.name}`"
     expected = "a primitive, a definition or a module"
     return diagnose("unknown-primitive", message, use.span, expected=expected, hint=hint)
+
+
+def _check_for(part: syntax.For) -> list[Diagnostic]:
+    problems = _check_seeds("for", part.arguments, part.span)
+    given = len(part.arguments.values)
+    if given not in FOR_ARGUMENTS:
+        least, most = FOR_ARGUMENTS
+        usage = "`for(i, first, last)` or `for(i, first, last, step)`"
+        problems += _check_count("for", 1 + given, 1 + least, 1 + most, part.span, usage)
+    step = part.arguments.values[-1]
+    if given == FOR_ARGUMENTS[1] and isinstance(step, Number) and step.value == 0.0:
+        problems.append(diagnose("bad-value", "a step of 0 never gets anywhere", step.span))
+    return problems
 
 
 def _check_transformation(part: syntax.Unary) -> list[Diagnostic]:

@@ -181,6 +181,8 @@ def _with_own(
                 for name, expr in reversed(prefix.assignments):
                     below.discard(name.text)
                     below |= parameters_of(expr)
+            elif not isinstance(prefix, syntax.Unary):
+                continue  # a loop, which is reported
             elif not (prefix.attribute and ATTRIBUTES[prefix.name].refers_to):
                 below |= parameters_of(*prefix.arguments.values)
         return below
@@ -285,7 +287,7 @@ class GrammarBlob(BlobSource):
                 for prefix in item.prefixes:
                     if isinstance(prefix, syntax.Block):
                         self._assign(prefix, params)
-                    else:
+                    elif isinstance(prefix, syntax.Unary):
                         work.append((("unary", 1, self._unary(prefix, params)), params, depth))
                 work.append((item.operand, params, depth))
             elif isinstance(item, syntax.Primitive):

@@ -79,6 +79,7 @@ def field_tokens(root: Solid) -> Iterator[Token]:
         elif isinstance(solid, syntax.Prefixed):
             work.append((solid.operand, UNARY))
             for prefix in reversed(solid.prefixes):
+                assert isinstance(prefix, (syntax.Block, syntax.Unary))
                 work += [Mark.FILL, *reversed(_prefix(prefix))]
         elif isinstance(solid, syntax.BlendUse):
             work.extend(reversed(_blend(solid)))

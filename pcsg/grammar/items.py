@@ -15,7 +15,7 @@ from itertools import pairwise
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic
 from pcsg.grammar.fields import FIELD_BLENDS, FIELD_UNARY
-from pcsg.grammar.tokens import WORD_TYPES, Token
+from pcsg.grammar.tokens import LOOPS, WORD_TYPES, Token
 from pcsg.graph.functions import FUNCTIONS
 from pcsg.graph.settings import SETTINGS
 
@@ -42,7 +42,7 @@ class RawItem:
 
 
 _OPERAND_STARTS = frozenset(
-    {"BLOB", "NAME", "PRIMITIVE", "TRANSFORM", "MIRROR", "ATTRIBUTE", "LBRACE"}
+    {"BLOB", "NAME", "PRIMITIVE", "TRANSFORM", "MIRROR", "ATTRIBUTE", "LBRACE", *LOOPS.values()}
 )
 _NAMES = _OPERAND_STARTS - {"LBRACE"}
 _APPLIES_TO = _OPERAND_STARTS | {"LPAREN"}
@@ -52,30 +52,37 @@ _ARGUMENTS = ("LPAREN", "LITERALS")
 # Types after which an expression for a solid, or a number, can be complete.
 _ENDS_SOLID = frozenset({"NAME", "PRIMITIVE"})
 _ENDS_NUMBER = frozenset({"NAME", "NUMBER", "CONSTANT"})
+_APPLIED = frozenset({"TRANSFORM", "ATTRIBUTE", *LOOPS.values()})
 _OPENS = {"LPAREN": "(", "LBRACE": "{", "FOPEN": "{ "}
 _CLOSES = {"RPAREN": "(", "RBRACE": "{", "FCLOSE": "{ "}
 
 
 def cut_items(tokens: Sequence[Token]) -> list[RawItem]:
     """Cut the tokens of one file into items; see the module for how."""
-    mark_fields(tokens)
+    mark_words(tokens)
     return _Cutter(tokens).cut()
 
 
-def mark_fields(tokens: Sequence[Token]) -> None:
-    """Give the words and braces of fields their types, which depend on what stands behind them.
+def mark_words(tokens: Sequence[Token]) -> None:
+    """Give the words of loops, and the words and braces of fields, their types by what is behind.
 
-    A blob is `blob` before a brace; an operator on fields is a name before braces, with numbers
-    between perhaps; a unary one is a name before numbers and an operand. Elsewhere these are
-    ordinary names.
+    A loop is its word before `(`, where the file has no module or definition of that name. A blob
+    is `blob` before a brace; an operator on fields is a name before braces, with numbers between
+    perhaps; a unary one is a name before numbers and an operand. Elsewhere these are ordinary
+    names.
     """
     partner: dict[int, int] = {}
     stack: list[int] = []
+    own: set[str] = set()
     for i, token in enumerate(tokens):
         if token.type in _OPENS:
             stack.append(i)
         elif token.type in _CLOSES and stack:
             partner[stack.pop()] = i
+        elif token.text in LOOPS and not stack:
+            neighbours = tokens[i - 1 if i else 0].type, tokens[min(i + 1, len(tokens) - 1)].type
+            if neighbours[0] == "COLON" or neighbours[1] == "ASSIGN":
+                own.add(token.text)
     for i, token in enumerate(tokens):
         following = tokens[i + 1].type if i + 1 < len(tokens) else ""
         behind = i + 1
@@ -84,7 +91,9 @@ def mark_fields(tokens: Sequence[Token]) -> None:
         elif following == "LITERALS":
             behind += 1
         after = tokens[behind] if behind < len(tokens) else None
-        if token.type == "PRIMITIVE" and token.text == "blob" and following == "LBRACE":
+        if token.text in LOOPS and following in _ARGUMENTS and token.text not in own:
+            token.type = LOOPS[token.text]
+        elif token.type == "PRIMITIVE" and token.text == "blob" and following == "LBRACE":
             token.type = "BLOB"
             _mark_braces(tokens, i + 1, partner)
         elif token.type == "NAME" and token.text in FIELD_BLENDS and after is not None:
@@ -300,7 +309,7 @@ class _Cutter:
         elif sign == "(" and before is not None and len(self.item.tokens) > 1:
             if before.type in ("NAME", "PRIMITIVE"):
                 role = "call"
-            elif before.type in ("TRANSFORM", "ATTRIBUTE"):
+            elif before.type in _APPLIED:
                 role = "unary"
         self.open.append((token, sign, role, before))
         self.complete = False

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from pcsg.grammar import syntax
-from pcsg.grammar.check import definition_order, read_constants
+from pcsg.grammar.check import FOR_ARGUMENTS, definition_order, read_constants
 from pcsg.grammar.fields import GrammarBlob, field_names
+from pcsg.grammar.loops import lower_for, lower_repeat
 from pcsg.grammar.names import ModuleEntry, Names
 from pcsg.grammar.syntax import Solid
 from pcsg.graph.attributes import ATTRIBUTES
@@ -39,7 +41,9 @@ def lower(names: Names, sound: bool = True) -> Node | None:
     if names.axiom is None:
         return None
     lowering = _Lowering(names, sound)
-    return lowering.solid(names.axiom.solid)
+    root = lowering.solid(names.axiom.solid)
+    # What a loop assigns is none of the axiom's parameters.
+    return Calculation((), root) if _begins_with_loop(names.axiom.solid) else root
 
 
 class _Lowering:
@@ -54,6 +58,7 @@ class _Lowering:
                 of_kind = self.numbers.setdefault(item.kind.text, {})
                 of_kind.setdefault(item.name.text, len(of_kind))
         self.nodes: dict[str, Node] = {}
+        self.loops = 0
         # What blobs are made of is unrolled into them.
         fields = field_names(names)
         solids = [e for e in names.modules.values() if e.name not in fields]
@@ -109,7 +114,7 @@ class _Lowering:
                     work.append((solid, 1))
                     work.append((solid.operand, -1))
                 else:
-                    done.append(_apply(solid.prefixes, done.pop()))
+                    done.append(self._apply(solid.prefixes, done.pop()))
             elif isinstance(solid, syntax.Primitive):
                 done.append(self._leaf(solid))
             elif isinstance(solid, syntax.Blob):
@@ -119,6 +124,27 @@ class _Lowering:
             else:
                 done.append(self._use(solid))
         return done[0]
+
+    def _apply(self, prefixes: Sequence[syntax.Prefix], node: Node) -> Node:
+        """Put unary operators and loops on a node, the last one first."""
+        for prefix in reversed(prefixes):
+            if isinstance(prefix, syntax.For):
+                if len(prefix.arguments.values) in FOR_ARGUMENTS:
+                    node = lower_for(prefix, self._name_loop("FOR"), node)
+            elif isinstance(prefix, syntax.Repeat):
+                apply = partial(self._apply, prefix.prefixes)
+                node = lower_repeat(prefix, self._name_loop("REPEAT"), node, apply)
+            else:
+                node = _apply(prefix, node)
+        return node
+
+    def _name_loop(self, word: str) -> str:
+        """Return the name of a loop's module, which no other has."""
+        taken = self.names.modules.keys() | self.names.definitions.keys()
+        while True:
+            self.loops += 1
+            if (name := f"{word}{self.loops}") not in taken:
+                return name
 
     def _use(self, use: syntax.Use) -> Node:
         node = self.nodes.get(use.name)
@@ -173,20 +199,25 @@ def _flatten(solid: syntax.Combination) -> list[Solid]:
     return flat
 
 
-def _apply(prefixes: Sequence[syntax.Block | syntax.Unary], node: Node) -> Node:
-    """Put unary operators on a node, the last one first."""
-    for prefix in reversed(prefixes):
-        if isinstance(prefix, syntax.Block):
-            pairs = tuple((name.text, expr) for name, expr in prefix.assignments)
-            node = Calculation(pairs, node, span=prefix.span)
-        elif prefix.attribute:
-            node = _attribute(prefix, node)
-        elif prefix.name in TRANSFORMS:
-            transform = TRANSFORMS[prefix.name]
-            if len(prefix.arguments.values) == len(transform.parameters):
-                args = prefix.arguments.values
-                node = Transformation(transform, args, node, span=prefix.span)
-    return node
+def _begins_with_loop(solid: Solid) -> bool:
+    while isinstance(solid, syntax.Combination):
+        solid = solid.operands[0]
+    return isinstance(solid, syntax.Prefixed) and isinstance(
+        solid.prefixes[0], (syntax.For, syntax.Repeat)
+    )
+
+
+def _apply(prefix: syntax.Block | syntax.Unary, node: Node) -> Node:
+    """Put a unary operator on a node."""
+    if isinstance(prefix, syntax.Block):
+        pairs = tuple((name.text, expr) for name, expr in prefix.assignments)
+        return Calculation(pairs, node, span=prefix.span)
+    if prefix.attribute:
+        return _attribute(prefix, node)
+    transform = TRANSFORMS.get(prefix.name)
+    if transform is None or len(prefix.arguments.values) != len(transform.parameters):
+        return node
+    return Transformation(transform, prefix.arguments.values, node, span=prefix.span)
 
 
 def _attribute(prefix: syntax.Unary, node: Node) -> Node:

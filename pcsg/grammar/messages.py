@@ -23,6 +23,7 @@ _GROUPS: tuple[tuple[str, frozenset[str]], ...] = (
         "a solid",
         frozenset({"NAME", "PRIMITIVE", "TRANSFORM", "MIRROR", "ATTRIBUTE", "LBRACE", "LPAREN"}),
     ),
+    ("a transformation or a block", frozenset({"TRANSFORM", "MIRROR", "ATTRIBUTE", "LBRACE"})),
     ("a number", frozenset({"NAME", "NUMBER", "CONSTANT", "LPAREN", "MINUS", "NOT"})),
     ("an operator", frozenset({"UNION", "INTERSECTION", "DIFFERENCE", "MINUS"})),
     ("an operator", frozenset({"OPERATOR", "MINUS"})),
@@ -119,8 +120,12 @@ def _hint(kind: str, tokens: list[Token], at: int) -> str | None:
         return "a rule begins with its number: `1: S -> ...`"
     if token.type == "LPAREN" and kind != "axiom" and tokens[at - 1].type == "RPAREN":
         return "an axiom may not start with `(`; write `{} ( ... )`"
+    if token.type == "ASSIGN" and at > 2 and tokens[at - 3].type == "FOR":
+        return "write the first and the last value: `for(i, 0, 9) ...`, and a step if it is not 1"
     if token.type == "ASSIGN":
         return "to compare, write `==`"
+    if token.type == "NUMBER" and at + 1 < len(tokens) and tokens[at + 1].text == "*":
+        return f"to repeat a solid, write `repeat({_shown(token)}, move(1,0,0) rotz(36)) box`"
     if kind == "setting" and token.type in WORD_TYPES | {"NUMBER"}:
         return "put `;` between two keys"
     return None

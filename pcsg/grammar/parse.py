@@ -243,6 +243,15 @@ class _Builder(Transformer[Any, Any]):
         word, (arguments, end) = c
         return syntax.Unary(word.text, arguments, True, span_of(word, end))
 
+    def for_loop(self, c: Items) -> syntax.For:
+        word, opening, name, _, numbers, end = c
+        arguments = self.arguments([opening, numbers, end])[0]
+        return syntax.For(_name(name), arguments, span_of(word, end))
+
+    def repeat(self, c: Items) -> syntax.Repeat:
+        word, _, count, _, prefixes, end = c
+        return syntax.Repeat(count, tuple(prefixes), span_of(word, end))
+
     def empty_block(self, c: Items) -> syntax.Block:
         return syntax.Block((), span_of(c[0], c[1]))
 

@@ -78,10 +78,31 @@ class Unary:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prefixed:
-    """Unary operators, outermost first, before what they apply to."""
+class For:
+    """A copy for each value of a parameter; the arguments are first, last and perhaps step."""
 
-    prefixes: tuple[Block | Unary, ...]
+    name: Name
+    arguments: Arguments
+    span: SourceSpan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Repeat:
+    """Copies of which each stands in the frame and has the parameters of the one before it."""
+
+    count: Expr
+    prefixes: tuple[Prefix, ...]
+    span: SourceSpan
+
+
+Prefix = Block | Unary | For | Repeat
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prefixed:
+    """Unary operators and loops, outermost first, before what they apply to."""
+
+    prefixes: tuple[Prefix, ...]
     operand: Solid
     span: SourceSpan
 
@@ -117,9 +138,9 @@ class BlendUse:
 Solid = Use | Primitive | Prefixed | Combination | Blob | BlendUse
 
 
-def inner(solid: Solid) -> Iterator[Solid | Block | Unary]:
+def inner(solid: Solid) -> Iterator[Solid | Prefix]:
     """Yield every part of an expression, those in the braces of blobs and blends, too."""
-    stack: list[Solid | Block | Unary] = [solid]
+    stack: list[Solid | Prefix] = [solid]
     while stack:
         item = stack.pop()
         yield item
@@ -127,6 +148,8 @@ def inner(solid: Solid) -> Iterator[Solid | Block | Unary]:
             stack.extend(reversed(item.operands))
         elif isinstance(item, Prefixed):
             stack.append(item.operand)
+            stack.extend(reversed(item.prefixes))
+        elif isinstance(item, Repeat):
             stack.extend(reversed(item.prefixes))
         elif isinstance(item, (Blob, BlendUse)):
             stack.extend(reversed(item.fields))

@@ -199,7 +199,10 @@ def words() -> dict[str, tuple[str, str]]:
 MAX_TOKENS = 600_000
 """Most tokens of a file, `Token.size` added up; their syntax takes seconds, and half a gigabyte."""
 
-WORD_TYPES = frozenset({"NAME", *(kind for kind, _ in words().values())})
+LOOPS = {"for": "FOR", "repeat": "REPEAT"}
+"""Names that stand for a loop where a solid may, before `(`, and their types there."""
+
+WORD_TYPES = frozenset({"NAME", *LOOPS.values(), *(kind for kind, _ in words().values())})
 """Types that a word can have."""
 
 
