@@ -215,6 +215,13 @@ CATALOGUE: dict[str, Mistake] = {
             "never ends.",
         ),
         Mistake(
+            "colour-range",
+            _G,
+            "The parts of a surface's colour are shares of the light, from 0 to 1 and linear; 0 to "
+            "255 is how pictures keep them. Lights may be brighter.",
+            "warning",
+        ),
+        Mistake(
             "selection-range",
             _R,
             "The rounded value of a selection function must be the number of a rule.",

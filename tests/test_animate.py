@@ -91,6 +91,13 @@ def test_an_animation_in_one_file(run, tmp_path, ending, kind):
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"a.{ending}", "t.pcsg"]
 
 
+def test_what_is_odd_about_a_grammar_is_told_once(run, tmp_path):
+    (tmp_path / "t.pcsg").write_text("color(255, 0, 0) sphere")
+    result = run("animate", "t.pcsg", *SMALL, "--frames", "0..0", "-o", "f_#.png")
+    assert result.exit_code == 0
+    assert result.stderr.count("warning[colour-range]") == 1
+
+
 def test_frames_as_files_are_kept_when_they_are_the_same_picture(run, tmp_path):
     arguments = ["animate", "t.pcsg", "--frames", "8..10", *SMALL, "-o", "f_###.png"]
     assert run(*arguments).exit_code == 0

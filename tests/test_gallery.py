@@ -64,16 +64,24 @@ def test_what_cannot_be_copied_is_told(words, text):
     [
         ("tree", "`pcsg gallery tree --copy` copies the gallery's tree.pcsg"),
         ("oak.lsys", "`pcsg gallery oak --copy`"),
-        ("birch", "did you mean `birch.pcsg`?"),
-        ("bich.pcsg", "did you mean `birch.pcsg`?"),
-        ("bich", "did you mean `birch.pcsg`?"),
+        ("willow", "did you mean `willow.pcsg`?"),
+        ("wilow.pcsg", "did you mean `willow.pcsg`?"),
+        ("wilow", "did you mean `willow.pcsg`?"),
         ("nothing-like-it.pcsg", "there is no file nothing-like-it.pcsg"),
     ],
 )
 def test_a_file_that_is_not_there_is_explained(verb, name, text):
-    Path("birch.pcsg").write_text("sphere")
+    Path("willow.pcsg").write_text("sphere")
     status, output = told(verb, name)
     assert status == 2 and text in output, output
+
+
+@pytest.mark.parametrize("words", [["mesh"], ["skeleton"], ["mesh", "--method", "contour"]])
+def test_what_is_no_tree_is_explained_too(words):
+    Path("willow.pcsg").write_text("sphere")
+    for name, text in (("tree", "`pcsg gallery tree --copy`"), ("wilow", "`willow.pcsg`")):
+        status, output = told(*words, name)
+        assert status == 2 and text in output, output
 
 
 def test_a_copy_is_the_grammar(elsewhere):

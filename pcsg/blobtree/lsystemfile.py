@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from pcsg.blobtree.constants import constant_called
 from pcsg.blobtree.formulas import NAME, Draws, Formula, read_formula
 from pcsg.blobtree.lsystem import LRule, LSystem, Pattern, Successor
 from pcsg.blobtree.signs import (
@@ -157,6 +158,7 @@ class _Reader:
         self.given = constants
         self.out = LSystemText(LSystem(draws=draws))
         self.lines: list[_Line] = []
+        self.defined: dict[str, int] = {}
         self.known: set[str] = set(COMMANDS)
         self.uses: list[tuple[int, Formula, frozenset[str]]] = []
         self.axiom_line = 0
@@ -225,6 +227,7 @@ class _Reader:
         for used in _missing(formula, system.constants):
             raise UsageError(f"`{used}` has no value in `{formula.shown}`{_hint(used, system)}")
         system.definitions[name] = formula
+        self.defined[name] = number
         if name in self.given:
             system.constants[name] = self.given[name]
             return
@@ -358,7 +361,8 @@ class _Reader:
         return Pattern(symbol, tuple(names), tuple(tests))
 
     def _check_names(self) -> None:
-        """Complain of names without a value, once all constants are known."""
+        """Complain of names without a value, once all constants are known, and of odd ones."""
+        self._check_constants()
         seen: set[tuple[int, str]] = set()
         system = self.out.system
         for number, formula, names in self.uses:
@@ -367,6 +371,17 @@ class _Reader:
                     seen.add((number, used))
                     hint = _hint(used, system, names)
                     self.out.complain(number, f"`{used}` has no value in `{formula.shown}`{hint}")
+
+    def _check_constants(self) -> None:
+        """Warn of constants that nothing reads, named as other programs call one that we read."""
+        system = self.out.system
+        read = {n for formula in system.definitions.values() for n in formula.names}
+        read |= {n for _, formula, _ in self.uses for n in formula.names}
+        for name in system.definitions.keys() - read:
+            ours = constant_called(name)
+            if ours and ours not in system.definitions:
+                line = self.defined[name]
+                self.out.complain(line, f"nothing reads `{name}`; is it `{ours}`?", "warning")
 
 
 def _missing(

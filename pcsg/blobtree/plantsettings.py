@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
+from pcsg.blobtree.constants import CONSTANTS, constant_called
 from pcsg.blobtree.lsystemfile import LSystemText
 from pcsg.blobtree.tree import CONTACT, Colour, Junctions
 from pcsg.errors import UsageError, suggest
@@ -40,9 +41,6 @@ SETTINGS = ("junctions", "bark", "leaves", "bend", "tip", "printed", "seed", "th
 LARGEST = 1e6
 """Of parts of other sizes."""
 
-_CONSTANTS = ("steps", "angle", "width", "thinning")
-"""What is defined, and not set."""
-
 T = TypeVar("T")
 
 
@@ -51,7 +49,7 @@ def read_settings(text: LSystemText) -> Settings | None:
     before = len(text.mistakes())
     for name, (_, line) in text.settings.items():
         if name not in SETTINGS:
-            text.complain(line, _unknown(name))
+            text.complain(line, _unknown(name, text.settings[name][0]))
 
     def get(name: str, default: T, read: Callable[[str, str], T]) -> T:
         if name not in text.settings:
@@ -80,10 +78,10 @@ def read_settings(text: LSystemText) -> Settings | None:
     return settings if len(text.mistakes()) == before else None
 
 
-def _unknown(name: str) -> str:
-    if name in _CONSTANTS:
-        return f"`{name}` is no setting; write `#define {name} ...`"
-    hint = suggest(name, SETTINGS)
+def _unknown(name: str, value: str) -> str:
+    if constant := constant_called(name):
+        return f"`{name}` is no setting; write `#define {constant} {value}`"
+    hint = suggest(name, SETTINGS) or suggest(name, CONSTANTS)
     known = hint or f"there are {', '.join(SETTINGS)}"
     return f"unknown setting `{name}`; {known}"
 

@@ -12,16 +12,26 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from pcsg.arguments import real
 from pcsg.commands.files import check_there
 from pcsg.commands.guard import say
 from pcsg.commands.options import parse_memory, parse_number, parse_setting, parse_size
 from pcsg.commands.parent import follow_pool
+from pcsg.commands.scenes import tell_warnings
 from pcsg.errors import EnvironmentFault, UsageError
 from pcsg.graph.words import is_name
 
 if TYPE_CHECKING:
     from pcsg.render.animation import Frames, Range
+    from pcsg.scene import Scene
     from pcsg.trace.tracer import Engine
+
+
+MOST_FRAMES = 100_000
+"""Of one command: more than an hour."""
+
+LEAST_FPS = 0.02
+"""Frames in a second: the files of moving pictures have no room for longer times."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +116,10 @@ def parse_frames(text: str, fps: float) -> Frames:
     match = re.fullmatch(r"\s*(\d{1,7})\s*\.\.\s*(\d{1,7})\s*", text)
     if not match or int(match[2]) < int(match[1]):
         raise UsageError(f"--frames takes the first and the last one, such as 0..48, not `{text}`")
-    if not 0 < fps <= 1000:
-        raise UsageError(f"--fps takes a number above 0, at most 1000, not {fps:g}")
+    if int(match[2]) - int(match[1]) >= MOST_FRAMES:
+        raise UsageError(f"--frames takes at most {MOST_FRAMES:,} frames, not `{text}`")
+    if not LEAST_FPS <= fps <= 1000:
+        raise UsageError(f"--fps takes a number from {LEAST_FPS:g} to 1000, not {fps:g}")
     return Frames(int(match[1]), int(match[2]), fps)
 
 
@@ -143,6 +155,7 @@ def _shots(arguments: AnimateArguments, frames: Frames, output: Path) -> list[Sh
     time = None if arguments.time is None else parse_range(arguments.time, "--time")
     settings = {kind: parse_setting(kind, text) for kind, text in arguments.settings.items()}
     overrides: dict[str, Mapping[str, Any]] = {k: v for k, v in settings.items() if v}
+    orbit = real(arguments.orbit, "--orbit", -1e9, 1e9)
     if arguments.jobs is not None and arguments.jobs < 1:
         raise UsageError(f"--jobs takes a number of at least 1, not {arguments.jobs}")
     jobs = _jobs(arguments, len(frames.numbers))
@@ -174,13 +187,15 @@ def _shots(arguments: AnimateArguments, frames: Frames, output: Path) -> list[Sh
                 resume=arguments.resume,
             )
         )
-    camera = _camera(shots[-1])
+    last = _open(shots[-1])
+    tell_warnings(last)
+    camera = _camera(last, shots[-1])
     return [
         replace(
             shot,
             overrides={
                 **shot.overrides,
-                "camera": turn_camera(camera, arguments.orbit * frames.turned(number)),
+                "camera": turn_camera(camera, orbit * frames.turned(number)),
             },
         )
         for number, shot in zip(frames.numbers, shots, strict=True)
@@ -194,15 +209,15 @@ def _jobs(arguments: AnimateArguments, frames: int) -> int:
     return min(arguments.jobs or processors(), frames)
 
 
-def _camera(shot: Shot) -> dict[str, Any]:
+def _camera(scene: Scene, shot: Shot) -> dict[str, Any]:
     """Return the camera of a frame as a setting that leaves nothing open."""
     from pcsg.render.stage import build_stage
 
-    camera = build_stage(_open(shot), shot.size, shot.overrides).camera
+    camera = build_stage(scene, shot.size, shot.overrides).camera
     return dict(vars(camera))
 
 
-def _open(shot: Shot) -> Any:
+def _open(shot: Shot) -> Scene:
     from pcsg.scene import load
 
     return load(

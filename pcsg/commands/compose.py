@@ -12,6 +12,9 @@ from pcsg.commands.mesh import Input, memory_limit, open_skeleton
 from pcsg.commands.progress import show_share
 from pcsg.errors import UsageError
 
+MOST_TREES = 100_000
+"""Trees of one command."""
+
 
 @dataclass(frozen=True)
 class ComposeArguments:
@@ -51,12 +54,13 @@ def run(arguments: ComposeArguments) -> None:
     from pcsg.treemesh.files import WRITERS
     from pcsg.treemesh.library import Library
 
-    if arguments.count < 1:
-        raise UsageError(f"-n takes a number of trees from 1, not {arguments.count}")
+    if not 1 <= arguments.count <= MOST_TREES:
+        raise UsageError(
+            f"-n takes a number of trees from 1 to {MOST_TREES:,}, not {arguments.count}"
+        )
     target = arguments.output or Path(f"{arguments.file.stem}-composed.json")
     files = [_numbered(target, k, arguments.count) for k in range(arguments.count)]
-    for file in files:
-        check_output(file, (*SKELETON_ENDINGS, *WRITERS))
+    check_output(target, (*SKELETON_ENDINGS, *WRITERS))
     template, _ = open_skeleton(Input(arguments.file, resample=False))
     library = Library()
     library.add(template, arguments.file.stem)

@@ -1,7 +1,8 @@
-"""The file of a scene that is not there: what may have been meant."""
+"""A file that is not there: what may have been meant."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from pcsg.errors import UsageError, suggest
@@ -9,8 +10,13 @@ from pcsg.errors import UsageError, suggest
 ENDINGS = (".pcsg", ".lsys")
 
 
-def check_there(file: Path) -> None:
+def check_there(file: Path, endings: Sequence[str] = ENDINGS) -> None:
     """Refuse a file that does not exist, with what may have been meant.
+
+    Parameters
+    ----------
+    endings
+        Of what the command takes.
 
     Raises
     ------
@@ -26,10 +32,10 @@ def check_there(file: Path) -> None:
 
     message = f"there is no file {file}"
     try:
-        beside = [path.name for path in file.parent.iterdir() if path.suffix in ENDINGS]
+        beside = [path.name for path in file.parent.iterdir() if path.suffix in endings]
     except OSError:
         beside = []
-    completed = next((file.name + e for e in ENDINGS if file.name + e in beside), None)
+    completed = next((file.name + e for e in endings if file.name + e in beside), None)
     if completed:
         raise UsageError(f"{message}; did you mean `{file.with_name(completed)}`?")
     picture = find(file.name)

@@ -10,6 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pcsg.arguments import real
 from pcsg.commands.guard import say, show
 from pcsg.commands.options import parse_size
 from pcsg.errors import PcsgError, UsageError
@@ -240,7 +241,9 @@ def _script(
         # The tree at the end fits, with the leaves of its last summer.
         summer = math.floor(last) - 1.0 + model.species.season.leaf_end
         camera = frame_tree(model.at(summer if first < summer else last), aspect)
-    return camera, first, last, film.per_year or per_year
+    if film.per_year is not None:
+        per_year = real(film.per_year, "--frames-per-year", 0.0, 1e6)
+    return camera, first, last, per_year
 
 
 def run_export(name: str, output: Path, t: float | None, seed: int | None, quiet: bool) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pcsg.commands.compiling import announce_compiling, tell_unkept
+from pcsg.commands.files import check_there
 from pcsg.commands.guard import say, show
 from pcsg.commands.options import parse_assignments, parse_memory
 from pcsg.commands.scenes import open_scene
@@ -159,6 +160,7 @@ def _write_contour(given: Input, wanted: Output, file: Path) -> None:
     from pcsg.outputs import check_output, write_whole
 
     check_output(file, (".obj",))
+    check_there(given.file)
     if given.file.suffix.lower() not in SCENES:
         raise UsageError(f"--method contour takes a scene ({', '.join(SCENES)})")
     vertices, faces = contour(_open(given), wanted.resolution)
@@ -225,6 +227,9 @@ def _read(given: Input) -> tuple[Skeleton, list[str]]:
     ending = given.file.suffix.lower()
     if _is_species(given.file):
         return _grown(given), []
+    endings = (*MESHES, *SKELETON_ENDINGS, *GRAMMARS)
+    if ending in ("", *GRAMMARS):
+        check_there(given.file, endings)
     if ending in SKELETON_ENDINGS:
         return load_skeleton(given.file), []
     if given.is_mesh:
@@ -233,8 +238,7 @@ def _read(given: Input) -> tuple[Skeleton, list[str]]:
     if ending in GRAMMARS:
         limbs = _open(given).limbs()
         return limbs.skeleton, list(limbs.notes)
-    known = ", ".join((*MESHES, *SKELETON_ENDINGS, *GRAMMARS))
-    raise UsageError(f"{given.file}: the name must end in one of {known}")
+    raise UsageError(f"{given.file}: the name must end in one of {', '.join(endings)}")
 
 
 def _is_species(file: Path) -> bool:

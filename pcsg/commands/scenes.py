@@ -44,6 +44,11 @@ def open_scene(
         engine=cast("Engine", engine),  # Scene checks it
         parameters=values,
     )
+    tell_warnings(scene)
+    return scene
+
+
+def tell_warnings(scene: Scene) -> None:
+    """Say what is odd about a scene's grammar and its files."""
     for warning in scene.warnings:
         say(warning.render())
-    return scene

@@ -248,9 +248,9 @@ def tokenize(source: Source) -> tuple[list[Token], list[Diagnostic]]:
             text = normal(text)
             kind, text = reserved.get(text, ("NAME", text))
             if not text.isidentifier():  # superscripts and the like count as letters there
-                bad = next(
-                    k for k in range(start, end) if not ("a" + source.text[k]).isidentifier()
-                )
+                # If each may stand in a name, the first cannot begin one: a digit of some script.
+                each = ((k, source.text[k]) for k in range(start, end))
+                bad = next((k for k, sign in each if not f"a{sign}".isidentifier()), start)
                 problems.append(_stray(source, bad, bad + 1))
                 kind = "STRAY"
         elif kind == "SYMBOL":

@@ -115,13 +115,17 @@ BRIGHT = 1e9
 """Largest strength of light; pictures add up light in single precision."""
 
 
+LARGEST_COLOR = 1e6
+"""Of the parts of colours; those of the attribute `color` count as no more than that."""
+
+
 class _Range(TypedDict):
     low: float
     high: float
 
 
 _FAR = _Range(low=-FAR, high=FAR)
-_COLORS = _Range(low=0.0, high=1e6)
+_COLORS = _Range(low=0.0, high=LARGEST_COLOR)
 _TURNS = _Range(low=-1e9, high=1e9)
 
 _N, _V, _C = ValueKind.NUMBER, ValueKind.VECTOR, ValueKind.COLOR

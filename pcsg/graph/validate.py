@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, SourceSpan, suggest
+from pcsg.graph.colours import check_colours
 from pcsg.graph.expr import Expr, Number, Parameter, operands, postorder
 from pcsg.graph.graph import GLOBALS, Graph, expressions
 from pcsg.graph.nodes import Calculation, Leaf, Node, Operation, Selection
@@ -25,6 +26,7 @@ def check_graph(graph: Graph) -> list[Diagnostic]:
         *check_constant_selections(graph),
         *check_termination(graph),
         *check_files(graph),
+        *check_colours(graph),
     ]
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.arguments import whole
 from pcsg.errors import UsageError
 from pcsg.growth.chance import derive
 from pcsg.growth.geometry import (
@@ -25,7 +26,7 @@ from pcsg.growth.geometry import (
 from pcsg.growth.lengths import Order, grow_orders
 from pcsg.growth.organs import find_buds, find_leaves
 from pcsg.growth.pipes import leaves_carried, pipe_radii
-from pcsg.growth.species import Species, load_species
+from pcsg.growth.species import SEEDS, Species, load_species
 from pcsg.growth.state import Branches, Joints, Laterals, Nodes, State, Stubs
 
 Floats = NDArray[np.float64]
@@ -64,10 +65,17 @@ class GrowthModel:
         Numbers and curves.
     seed
         Of directions and of the fall of leaves, in place of the species'.
+
+    Raises
+    ------
+    UsageError
+        The seed is no whole number of at most 2^53.
     """
 
     def __init__(self, species: Species, seed: int | None = None) -> None:
-        self.species = species if seed is None else replace(species, seed=seed)
+        if seed is not None:
+            species = replace(species, seed=whole(seed, "seed", -SEEDS, SEEDS))
+        self.species = species
         self.orders: tuple[Order, ...] = grow_orders(self.species)
         keys = [derive(np.zeros(1, np.uint64), self.species.seed)]
         for order in self.orders[1:]:
@@ -166,6 +174,8 @@ class GrowthModel:
             of_parent = np.full(len(order), -1)
             alive = len(new.rows) - new.ghosts
             of_parent[new.rows[:alive]] = np.arange(alive)
+        if not drawn:
+            raise UsageError(f"at {t:g} years there is nothing of the tree yet")
         if self.has_pipes:
             drawn = pipe_radii(self.species, self.orders, self.carried, now, drawn)
         return _Assembly(self, now, drawn).state()

@@ -117,6 +117,9 @@ class Bark:
     young: tuple[float, float, float] = field(default=(0.28, 0.24, 0.13), metadata={"rgb": True})
 
 
+SEEDS = 2**53
+"""Largest random seed: grammars give numbers in double precision."""
+
 LARGEST_FILE = 2**20
 """Bytes of a file at most."""
 
@@ -157,7 +160,7 @@ class Species:
     """
 
     species: str = field(default="populus_deltoides", metadata={"text": True})
-    seed: int = field(default=1, metadata={"low": 0, "high": 2**53})
+    seed: int = field(default=1, metadata={"low": 0, "high": SEEDS})
     ymax: int = field(default=27, metadata={"low": 1, "high": 500})
     trunk_scale: float = _number(22.0, 1e-3, 1e4, "m")
     lmin: float = _number(0.02, 1e-6, 10.0, "m")

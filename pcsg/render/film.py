@@ -18,6 +18,9 @@ from pcsg.trace.hits import Hits
 BYTES_PER_PIXEL = 120 + cascade.BYTES_PER_PIXEL
 """Memory of a film with its picture, an upper estimate."""
 
+BRIGHTEST = 1e30
+"""Brightest light that is kept: the sum of a pixel's samples fits into single precision."""
+
 WHITE = 2.0
 """Brightness that single samples may have, over what is shown as white."""
 
@@ -73,6 +76,7 @@ class Film:
 
     def add(self, pixels: Ints, rgb: Floats) -> None:
         """Add samples (P, K, 3) to P different pixels, given by their positions in the picture."""
+        rgb = _bounded(rgb)
         shown = self.view.encode(rgb)
         tone = shown.mean(axis=2)
         self.total.reshape(-1, 3)[pixels] += rgb.sum(axis=1).astype(np.float32)
@@ -84,8 +88,9 @@ class Film:
 
     def set_first(self, pixels: Ints, hits: Hits, albedo: Floats) -> None:
         """Keep what the rays through the centres of P pixels met, and its colours (P, 3)."""
-        self.albedo.reshape(-1, 3)[pixels] = albedo.astype(np.float32)
-        self.depth.reshape(-1)[pixels] = hits.t.astype(np.float32)
+        self.albedo.reshape(-1, 3)[pixels] = _bounded(albedo).astype(np.float32)
+        with np.errstate(over="ignore"):  # what is too far away for single precision is nowhere
+            self.depth.reshape(-1)[pixels] = hits.t.astype(np.float32)
         self.normal.reshape(-1, 3)[pixels] = hits.normal.astype(np.float32)
         self.normal.reshape(-1, 3)[pixels[~np.isfinite(hits.t)]] = 0.0
         self.label.reshape(-1)[pixels] = hits.label
@@ -163,6 +168,11 @@ _NEIGHBOURS: tuple[tuple[Slices, Slices], ...] = (
     ((_LOW, _LOW), (_HIGH, _HIGH)),
     ((_LOW, _HIGH), (_HIGH, _LOW)),
 )
+
+
+def _bounded(light: Floats) -> Floats:
+    """Return light whose sums single precision can hold."""
+    return np.clip(light, -BRIGHTEST, BRIGHTEST)
 
 
 def _grown(mask: Bools) -> Bools:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pcsg.graph.settings import SETTINGS
+from pcsg.graph.settings import LARGEST_COLOR, SETTINGS
 from pcsg.render.albedo import Albedo, albedo_tables
 from pcsg.render.bsdf import Matter, scatter_batch
 from pcsg.render.surfaces import Gathered, gather_hits, make_gathered
@@ -211,6 +211,7 @@ class Materials:
         outward, facing, color = known.outward, known.facing, known.color
         override = hits.color[at]
         overridden = override[:, 0] >= 0
+        override = np.clip(override, 0.0, LARGEST_COLOR)
         texture = np.where(hits.texture[at] >= 0, hits.texture[at], self._texture[which])
         relief = np.where(self._relief[which] >= 0, self._relief[which], texture)
         size = hits.texture_scale[at]

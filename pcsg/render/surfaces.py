@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pcsg.graph.settings import LARGEST_COLOR
 from pcsg.jit import njit
 from pcsg.render.tracer import Bools, Floats, Ints
 
@@ -91,7 +92,8 @@ def gather_hits(
         given = override[hit, 0] >= 0.0
         for k in range(3):
             out.facing[i, k] = sign * normal[hit, k]
-            out.color[i, k] = override[hit, k] if given else table[row, COLOR + k]
+            own = min(max(override[hit, k], 0.0), LARGEST_COLOR)
+            out.color[i, k] = own if given else table[row, COLOR + k]
             out.emission[i, k] = table[row, EMISSION + k]
         for k in range(5):
             out.numbers[k, i] = table[row, NUMBERS + k]

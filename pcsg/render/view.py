@@ -46,6 +46,9 @@ def film_curve(linear: Any) -> Any:
     return np.minimum(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 1.0)
 
 
+WHITEST = 1e9
+"""Brightness above which nothing looks different, and whose square fits into single precision."""
+
 CURVES = {"standard": compress, "filmic": film_curve}
 
 
@@ -67,4 +70,5 @@ class View:
     def encode(self, linear: Any) -> Any:
         """Return values to display, in [0, 1]."""
         scale = np.float32(2.0**self.exposure)
-        return encode_srgb(CURVES[self.curve](np.asarray(linear) * scale))
+        linear = np.minimum(np.asarray(linear), np.float32(WHITEST / scale))
+        return encode_srgb(CURVES[self.curve](linear * scale))

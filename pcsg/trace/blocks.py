@@ -383,7 +383,7 @@ class _Builder:
     def _ref_boxes(self) -> NDArray[np.float32]:
         boxes = np.zeros((max(1, len(self.targets)), 6), np.float32)
         for n, box in self.ref_boxes.items():
-            boxes[n] = box
+            boxes[n] = as_single(box)
         return boxes.ravel()
 
     def _box(self) -> NDArray[np.float64]:
@@ -415,6 +415,12 @@ class _Builder:
                 changed |= value != has.get((OPERATION, k), False)
                 has[OPERATION, k] = value
         return [has[OPERATION, k] for k in range(len(groups.operations))]
+
+
+def as_single(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return boxes in single precision; what lies farther out ends where that does."""
+    most = float(np.finfo(np.float32).max)
+    return np.clip(boxes, -most, most).astype(np.float32)
 
 
 def _round_outwards(planes: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from pcsg.errors import UsageError
 from pcsg.treemesh.skeleton import Skeleton
+from pcsg.treemesh.subdivision import check_levels
 from pcsg.treemesh.surface import SurfaceOptions
 
 BYTES = 1_300
@@ -18,6 +19,7 @@ _LIMB = 6
 def count_quads(skel: Skeleton, options: SurfaceOptions | None = None) -> float:
     """Return about how many quads the surface of a skeleton has; some percent too many."""
     o = options or SurfaceOptions()
+    check_levels(o.levels)
     radius = skel.radius[skel.edges].mean(axis=1)
     squares = np.ones(skel.n_edges)
     if o.max_aspect is not None:

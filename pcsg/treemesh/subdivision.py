@@ -175,10 +175,21 @@ def plan_level(flat: Ints, ptr: Ints, n_verts: int) -> Level:
     return Level(flat, ptr, t, quads)
 
 
-def plan_levels(flat: Ints, ptr: Ints, n_verts: int, levels: int) -> list[Level]:
-    """Return the steps of a subdivision, at least one."""
+def check_levels(levels: int) -> None:
+    """Refuse a number of steps that is none.
+
+    Raises
+    ------
+    UsageError
+        It does not lie between 1 and 6.
+    """
     if not 1 <= levels <= 6:
         raise UsageError(f"levels must lie between 1 and 6, not {levels}")
+
+
+def plan_levels(flat: Ints, ptr: Ints, n_verts: int, levels: int) -> list[Level]:
+    """Return the steps of a subdivision, at least one."""
+    check_levels(levels)
     plans = [plan_level(flat, ptr, n_verts)]
     while len(plans) < levels:
         last = plans[-1]

@@ -73,6 +73,18 @@ def test_lines_with_two_readings_are_told() -> None:
     assert found[0].severity == "warning" and str(found[0].span) == "two.lsys:2:3"
 
 
+def test_constants_that_nothing_reads_are_told_if_others_call_ours_so() -> None:
+    rules = "axiom: F\nF -> F[+F]F\n"
+    assert remarks(rules + "#define iterations 3\n#define delta 20\n") == [
+        (3, "warning"),
+        (4, "warning"),
+    ]
+    assert remarks(rules + "#define n 3\n#define steps n\n") == []
+    assert remarks(rules + "#define n 3\n#define steps 4\n") == []
+    assert remarks(rules + "#define size 3\n") == []
+    assert remarks("axiom: F(n)\n#define n 3\n") == []
+
+
 def test_comments_over_lines_keep_the_numbers_of_lines() -> None:
     text = "/* a\n b */ axiom: F /* c */ F\n// d /* e\nF -> F(y)\n"
     assert remarks(text) == [(4, "error")]
@@ -252,7 +264,7 @@ def test_settings_are_told_with_the_other_lines(tmp_path: Path) -> None:
         pcsg.load(file)
     found = [d.to_json()["line"] for d in caught.value.diagnostics]
     assert found == [1, 2, 3, 4, 5, 6, 7]
-    assert "write `#define steps ...`" in str(caught.value)
+    assert "write `#define steps 3`" in str(caught.value)
 
 
 def test_a_byte_order_mark_is_no_letter(tmp_path: Path) -> None:

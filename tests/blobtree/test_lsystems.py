@@ -168,6 +168,8 @@ def test_brackets_and_lengths_that_cannot_be_are_told() -> None:
     [
         ("axiom: A\nAB -> C\n", "a rule rewrites exactly one module"),
         ("axiom: F\nbarck: 1 2 3\n", "unknown setting `barck`; did you mean `bark`?"),
+        ("axiom: F\niterations: 3\n", "`iterations` is no setting; write `#define steps 3`"),
+        ("axiom: F\nstepps: 3\n", "unknown setting `stepps`; did you mean `steps`?"),
         ("axiom: F\ntip: thin\n", "`tip:` takes a number, not `thin`"),
         ("axiom: F\njunctions: tight\n", "junctions are one of smooth, contact, aged"),
         ("axiom: !(-1) F\n", "this `blob` cannot be made: bad.lsys: !(-1): a width must be > 0"),

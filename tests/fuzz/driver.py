@@ -38,7 +38,7 @@ SECONDS = 10.0
 PREPARATION = 600.0
 """Longest that a preparation may take."""
 
-PATIENCE = 60.0
+PATIENCE = 300.0
 """Longest that an input may take by the clock: the machine may have others to serve."""
 
 MEMORY = 2**30

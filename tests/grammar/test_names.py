@@ -37,7 +37,10 @@ def test_both_forms_of_an_umlaut_are_one_name() -> None:
     assert pcsg.loads(FOREST, parameters=values).parameters["größe"] == 1.0
 
 
-@pytest.mark.parametrize(("text", "shown"), [("{x²=1} sphere", "²"), ("{☂=1} sphere", "☂")])
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [("{x²=1} sphere", "²"), ("{☂=1} sphere", "☂"), ("\u19daphere", "\u19da")],
+)
 def test_signs_that_are_no_letters(text: str, shown: str) -> None:
     with pytest.raises(GrammarError, match=f"stray character `{shown}`"):
         load_text(text)

@@ -11,7 +11,7 @@ from pcsg.geometry.bvh import Hierarchies, make_build_work
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
 from pcsg.simd import WIDTH
 from pcsg.trace import blocks as opening
-from pcsg.trace.blocks import Blocks
+from pcsg.trace.blocks import Blocks, as_single
 from pcsg.trace.expand.clusters import (
     CLUSTER,
     Sizes,
@@ -182,7 +182,7 @@ def _collect(layout: Layout, out: Hierarchies) -> Blocks:
         operations=used(layout.operations, N_OPERATIONS),
         smalls=used(layout.smalls, N_SMALLS),
         tables=used(layout.tables, N_TABLES),
-        ref_boxes=boxes.astype(np.float32).ravel() if rows else np.zeros(6, np.float32),
+        ref_boxes=as_single(boxes).ravel() if rows else np.zeros(6, np.float32),
         root=int(layout.list_block[root]),
         box=_hull(own) if len(own) else np.zeros((2, 3)),
     )
