@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pcsg.errors import UsageError, suggest
+from pcsg.grammar.colors import find_color
 from pcsg.graph.settings import AUTO, SETTINGS, Key, ValueKind
 from pcsg.graph.words import is_name
 
@@ -107,6 +108,8 @@ def _parse_value(what: str, key: Key, text: str) -> Any:
         if not key.low <= number <= key.high:
             raise UsageError(f"{what} must lie between {key.low:g} and {key.high:g}, not {text}")
         return number
+    if key.kind is ValueKind.COLOR and (found := find_color(text.strip('"'))):
+        return found
     if key.kind in (ValueKind.VECTOR, ValueKind.COLOR):
         parts = text.removeprefix("(").removesuffix(")").split(",")
         if len(parts) != 3:

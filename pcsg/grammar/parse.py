@@ -16,6 +16,7 @@ from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic
 from pcsg.grammar import syntax
 from pcsg.grammar.automaton import STUCK, Automaton
+from pcsg.grammar.colors import is_hsv, read_color, read_hsv
 from pcsg.grammar.items import RawItem
 from pcsg.grammar.literals import numbers_of
 from pcsg.grammar.messages import explain
@@ -241,6 +242,16 @@ class _Builder(Transformer[Any, Any]):
 
     def attribute(self, c: Items) -> syntax.Unary:
         word, (arguments, end) = c
+        if word.text == "color" and is_hsv(arguments.values):
+            arguments = Arguments(read_hsv(arguments.values, word.span))
+        return syntax.Unary(word.text, arguments, True, span_of(word, end))
+
+    def attribute_of_text(self, c: Items) -> syntax.Unary:
+        word, _, text, end = c
+        if word.text != "color":
+            message = f"`{word.text}` takes no text"
+            raise SyntaxFault(diagnose("wrong-arguments", message, text.span))
+        arguments = Arguments(read_color(text.text[1:-1], text.span))
         return syntax.Unary(word.text, arguments, True, span_of(word, end))
 
     def for_loop(self, c: Items) -> syntax.For:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, suggest
 from pcsg.grammar.check import check_numbers, unknown_reference
+from pcsg.grammar.colors import is_hsv, read_color, read_hsv
 from pcsg.grammar.names import Names
+from pcsg.grammar.precedence import SyntaxFault
 from pcsg.grammar.reach import Reach
 from pcsg.grammar.syntax import Name, SettingItem, Value
 from pcsg.graph.expr import Expr, Number, Parameter, asks_world
@@ -88,7 +91,11 @@ def _build_values(
         first[name.text] = name
         if key.default is None and _is_auto(value, named.get(key.refers_to or "", ())):
             continue
-        built = _build_value(key, value, names.reach, problems)
+        try:
+            built = _build_value(key, value, names.reach, problems)
+        except SyntaxFault as fault:
+            problems.append(fault.problem)
+            continue
         if built is None:
             continue
         if key.refers_to and isinstance(built, str) and built not in named[key.refers_to]:
@@ -108,8 +115,10 @@ def _is_auto(value: Value, names: Collection[str]) -> bool:
 def _build_value(
     key: Key, value: Value, reach: Reach, problems: list[Diagnostic]
 ) -> tuple[Expr, ...] | str | None:
-    """Return a value as the key takes it; None if it does not."""
+    """Return a value as the key takes it; None if it does not, and a fault for a wrong colour."""
     kind = key.kind
+    if kind is ValueKind.COLOR and is_hsv(value.numbers):
+        value = replace(value, numbers=read_hsv(value.numbers, value.span))
     if kind is ValueKind.FILE:
         if value.text is not None:
             file = FileName(value.text, value.span.folder)
@@ -127,6 +136,8 @@ def _build_value(
                 diagnose("bad-value", message, value.span, expected=", ".join(key.words), hint=hint)
             )
             return None
+    elif kind is ValueKind.COLOR and value.text is not None:
+        return read_color(value.text, value.span)
     elif len(value.numbers) == (3 if kind in _VECTORS else 1):
         found = check_numbers(value.numbers)
         problems += found

@@ -23,7 +23,7 @@ class ValueKind(Enum):
 
     NUMBER = "a number"
     VECTOR = "three numbers (x, y, z)"
-    COLOR = "three numbers (r, g, b), linear"
+    COLOR = "a colour: (r, g, b), linear, or a name or digits in quotes"
     WORD = "one of the words"
     NAME = "a name"
     FILE = "the name of a file in quotes"
