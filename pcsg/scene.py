@@ -282,8 +282,14 @@ class Scene:
                 box=self.boxes.boxes[self.graph.number[self.graph.root]],
             )
         if self._packed is not None:
-            models = pool_of(self.graph)
-            return StatesTracer(self._packed.blocks, models, self._make_walker, self._threads)
+            packed, models = self._packed, pool_of(self.graph)
+            return StatesTracer(
+                packed.blocks,
+                models,
+                self._make_walker,
+                self._threads,
+                lambda: packed.may_shrink,
+            )
         if self.engine == "states":
             return trace_states(self.graph, self.states, self._make_walker, self._threads)
         return self._make_walker()

@@ -44,7 +44,11 @@ def make_expanded(
     models = pool_of(graph)
     packed = pack_expansion(Expansion(graph, values, models, 1 << 30))
     return StatesTracer(
-        packed.blocks, models, lambda: Walker(graph, values, threads=threads), threads
+        packed.blocks,
+        models,
+        lambda: Walker(graph, values, threads=threads),
+        threads,
+        lambda: packed.may_shrink,
     )
 
 

@@ -20,8 +20,12 @@ from pcsg.trace.question import ask
 from pcsg.trace.traversal import PATH, PRECISION, UNDECIDED, Scratch, Trees
 from pcsg.vec import Ray
 
-ROOM = 16
-"""Intervals of one ray; rays that have more are left to the walker."""
+ROOMS = 16, 256, 4_096
+"""Intervals that there is room for; rays that have more are asked again with more, at last the
+walker."""
+
+FULL = -2
+"""What is said of a ray that has more."""
 
 
 @njit(entry=True)
@@ -36,6 +40,7 @@ def span_batch(
     directions: NDArray[np.float64],
     begin: int,
     end: int,
+    room: int,
     counts: NDArray[np.int64],
     ends: NDArray[np.float64],
     records: NDArray[np.int32],
@@ -46,9 +51,11 @@ def span_batch(
     ----------
     box : float64 (2, 3)
         About the solid.
+    room
+        R: intervals that there is room for, of each ray.
     counts : int64 (N,)
-        Receives the number of ends of every ray, -1 where only lists can tell.
-    ends, records : float64 (2 ROOM N,), int32
+        Receives the number of ends of every ray, UNDECIDED where only lists can tell, FULL.
+    ends, records : float64 (2 R N,), int32
         Receive where they are, and the leaf records that they belong to.
     """
     for i in range(begin, end):
@@ -56,8 +63,8 @@ def span_batch(
         dx, dy, dz = directions[i]
         ray = Ray(ox, oy, oz, dx, dy, dz, -math.inf, math.inf)
         store_precision(scratch.small, PRECISION, precision_of(ray, extent))
-        at = 2 * ROOM * i
-        counts[i] = _step_through(trees, pool, scratch, root, box, ray, at, ends, records)
+        at = 2 * room * i
+        counts[i] = _step_through(trees, pool, scratch, root, box, ray, room, at, ends, records)
 
 
 @njit
@@ -68,16 +75,17 @@ def _step_through(
     root: int,
     box: NDArray[np.float64],
     ray: Ray,
+    room: int,
     at: int,
     ends: NDArray[np.float64],
     records: NDArray[np.int32],
 ) -> int:
-    """Write the ends of one ray from `at` on; return their number, or -1."""
+    """Write the ends of one ray from `at` on; return their number, UNDECIDED or FULL."""
     low, high = _meet_box(box, ray)
     if not low <= high:
         return 0
     if math.isinf(low) or math.isinf(high):
-        return -1
+        return UNDECIDED
     precision = load_precision(scratch.small, PRECISION)
     code = wide(root) << 3 | BLOCK
     t = low - 8.0 * tolerance(low, precision) - 1e-6 * (high - low)
@@ -90,16 +98,18 @@ def _step_through(
         if state == inside:
             continue
         if state == UNDECIDED:
-            return -1
+            return UNDECIDED
+        if n == 2 * room:
+            return FULL
         before, behind, where = find_owner(trees, pool, scratch, code, ray, t, 0, 0, False)
-        if before != inside or behind != state or n == 2 * ROOM:
-            return -1
+        if before != inside or behind != state:
+            return UNDECIDED
         ends[at + n] = where
         last = scratch.paths[PATH + scratch.paths[PATH]]
         records[at + n] = trees.targets[last]
         inside = state
         n += 1
-    return n if state == inside == 0 else -1
+    return n if state == inside == 0 else UNDECIDED
 
 
 @njit

@@ -39,7 +39,8 @@ from pcsg.trace.membership import contain_batch, make_matrices
 from pcsg.trace.pool import ModelPool, pool_of
 from pcsg.trace.precision import Extent, extent_of
 from pcsg.trace.rays import Rays, check_points, check_rays, check_values, run_chunks, shape_rays
-from pcsg.trace.spanning import ROOM, span_batch
+from pcsg.trace.shrinking import may_shrink
+from pcsg.trace.spanning import FULL, ROOMS, span_batch
 from pcsg.trace.states_engine import StatesEngine
 from pcsg.trace.traversal import HIT, UNDECIDED, Scratch, make_scratch
 from pcsg.trace.walker import Walker
@@ -75,6 +76,8 @@ class StatesTracer(StatesEngine):
         Returns the walker, which answers what needs whole lists.
     threads
         Most threads of one call; by default one for each processor.
+    may_shrink
+        Returns whether a module's frame may be below rounding, where it is empty.
     """
 
     kernel: Any = find_batch
@@ -85,8 +88,10 @@ class StatesTracer(StatesEngine):
         models: ModelPool,
         walker: Callable[[], Walker],
         threads: int | None = None,
+        may_shrink: Callable[[], bool] = lambda: True,
     ) -> None:
         super().__init__(blocks, models, walker, threads)
+        self._find_shrunk = may_shrink
         self._extent = extent_of(self.blocks.box)
 
     def _find_hits(self, rays: Rays, footprint: Footprint | None) -> Hits:
@@ -100,13 +105,7 @@ class StatesTracer(StatesEngine):
 
     @cached_property
     def _may_shrink(self) -> bool:
-        """Return whether a frame might be below rounding, where modules are empty.
-
-        See docs/solids.md, ends of recursion. Within instances nobody knows how far it has gone.
-        """
-        places = np.abs(self.blocks.inverses.reshape(-1, 3, 4)[:, :, 3])
-        nested = bool(((self.blocks.refs & 7) == INSTANCE).any())
-        return nested or float(places.max(initial=0.0)) > 2.0**50
+        return self._find_shrunk()
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Find whether the solid contains points (N, 3)."""
@@ -144,17 +143,22 @@ class StatesTracer(StatesEngine):
         # Sheets are intervals of their own.
         if self._may_shrink or self.blocks.leaves[2::4].any():
             return self.walker.spans(rays.origins, rays.directions)
-        parts = [self._span(rays, k) for k in range(0, len(rays.origins), _SPANNED)]
-        return join_spans(len(rays.origins), parts)
+        which = np.arange(len(rays.origins))
+        parts = [
+            self._span(rays, which[k : k + _SPANNED], *ROOMS)
+            for k in range(0, len(which), _SPANNED)
+        ]
+        return join_spans(len(which), parts)
 
-    def _span(self, rays: Rays, first: int) -> list[RaySpans]:
-        """Return the intervals of a part of the rays."""
-        own = slice(first, first + _SPANNED)
-        origins, directions = rays.origins[own], rays.directions[own]
-        n = len(origins)
+    def _span(
+        self, rays: Rays, which: NDArray[np.int64], room: int, *rooms: int
+    ) -> list[RaySpans]:
+        """Return the intervals of some rays, with room for so many of each, or else for more."""
+        n = len(which)
+        origins, directions = rays.origins[which], rays.directions[which]
         counts = np.zeros(n, np.int64)
-        ends = np.zeros((n, 2 * ROOM))
-        records = np.zeros((n, 2 * ROOM), np.int32)
+        ends = np.zeros((n, 2 * room))
+        records = np.zeros((n, 2 * room), np.int32)
 
         def work(begin: int, end: int) -> None:
             scratch, _ = self._own()
@@ -169,23 +173,28 @@ class StatesTracer(StatesEngine):
                 directions,
                 begin,
                 end,
+                room,
                 counts,
                 ends.reshape(-1),
                 records.reshape(-1),
             )
 
         run_chunks(n, self.threads, work, self._pace)
-        used = np.arange(2 * ROOM) < counts[:, None]
+        used = np.arange(2 * room) < counts[:, None]
         leaf = self.blocks.nodes[records[used]]
         table = self.blocks.attributes.reshape(-1, len(ATTRIBUTE_DEFAULTS))
         label = table[records[used], _LABEL].astype(np.int64)
-        which = first + np.repeat(np.arange(n), np.maximum(counts, 0) // 2)
+        rows = np.repeat(which, np.maximum(counts, 0) // 2)
         t = ends[used]
-        found = [RaySpans(which, t[::2], t[1::2], leaf[::2], leaf[1::2], label[::2], label[1::2])]
-        walked = np.flatnonzero(counts < 0)
+        found = [RaySpans(rows, t[::2], t[1::2], leaf[::2], leaf[1::2], label[::2], label[1::2])]
+        if rooms:
+            more, most = which[counts == FULL], _SPANNED * ROOMS[0] // rooms[0]
+            for k in range(0, len(more), most):
+                found += self._span(rays, more[k : k + most], *rooms)
+        walked = which[(counts == UNDECIDED) | ((counts == FULL) & (not rooms))]
         if len(walked):
-            theirs = self.walker.spans(origins[walked], directions[walked])
-            rows = np.repeat(first + walked, np.diff(theirs.offsets))
+            theirs = self.walker.spans(rays.origins[walked], rays.directions[walked])
+            rows = np.repeat(walked, np.diff(theirs.offsets))
             found.append(RaySpans(rows, *(getattr(theirs, f) for f in RaySpans._fields[1:])))
         return found
 
@@ -305,7 +314,8 @@ def trace_states(
 ) -> StatesTracer:
     """Return the tracer of a finite acyclic state graph."""
     models = pool_of(graph)
-    return StatesTracer(build_blocks(graph, states, models), models, walker, threads)
+    blocks = build_blocks(graph, states, models)
+    return StatesTracer(blocks, models, walker, threads, lambda: may_shrink(states))
 
 
 class _Limits(NamedTuple):

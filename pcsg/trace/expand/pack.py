@@ -35,7 +35,8 @@ from pcsg.trace.expand.layout import (
     Layout,
     LayoutWork,
 )
-from pcsg.trace.expand.table import LEAF, N_ATTRIBUTES, N_NUMBERS, Table
+from pcsg.trace.expand.table import LEAF, N_ATTRIBUTES, N_NUMBERS, STATE, Table
+from pcsg.trace.shrinking import find_shrunk
 
 SLICE = 20_000
 """References that are laid out before control returns to Python, where Ctrl-C is seen."""
@@ -59,6 +60,8 @@ class Packed(NamedTuple):
         Leaves of the whole expansion.
     clusters : int
         Clusters that several instances may share, with the axiom's.
+    may_shrink : bool
+        Whether a module's frame may be below rounding, where it is empty.
     """
 
     blocks: Blocks
@@ -66,6 +69,7 @@ class Packed(NamedTuple):
     bounded: NDArray[np.float64]
     leaves: float
     clusters: int
+    may_shrink: bool
 
 
 def pack_expansion(expansion: Expansion) -> Packed:
@@ -73,6 +77,7 @@ def pack_expansion(expansion: Expansion) -> Packed:
     programs, table, order = expansion.programs, expansion.take_items(), expansion.order
     if order is None:
         raise ValueError("a state contains itself")
+    shrinks = _may_shrink(expansion, table, order)
     sizes = make_sizes(expansion.n_states, expansion.n_items)
     count_leaves(programs, table, sizes, order)
     choose_clusters(table, sizes, order)
@@ -99,7 +104,15 @@ def pack_expansion(expansion: Expansion) -> Packed:
     outermost = outermost_boxes(programs, table, layout, out, work, first, end)
     bounded = _hull(outermost[np.isfinite(outermost).all(axis=1)])
     finish_layout(layout)
-    return Packed(_collect(layout, out), _hull(outermost), bounded, whole, len(clusters))
+    box = _hull(outermost)
+    return Packed(_collect(layout, out), box, bounded, whole, len(clusters), shrinks)
+
+
+def _may_shrink(expansion: Expansion, table: Table, order: NDArray[np.int32]) -> bool:
+    n, items = expansion.n_states, expansion.n_items
+    inner = np.where(table.kind[:items] == STATE, table.target[:items], np.int32(-1))
+    places = table.first, table.last, inner, table.matrix, table.matrices
+    return bool(find_shrunk(order, *places, np.zeros(n), np.zeros(n)))
 
 
 def _make_layout(
