@@ -43,7 +43,7 @@ from pcsg.leaf.triangles import (
 )
 from pcsg.meshfile import Mesh as Polygons
 from pcsg.meshfile import read_mesh
-from pcsg.meshfile.closing import close
+from pcsg.meshfile.closing import close, different_numbers
 from pcsg.meshfile.mesh import FARTHEST, make_mesh, offsets_of
 from pcsg.vec import Ray, Vec3
 
@@ -93,7 +93,7 @@ class MeshModel(Constant, Model):
             self.notes += (f"{crossing} ({polygons.crossing_polygons:,})",)
         if not sheet:
             self._close()
-        used = polygons.vertices[np.unique(self.triangles)]
+        used = polygons.vertices[different_numbers(self.triangles)]
         self._cells = _Cells(used)
         self.bounds = Box(tuple(used.min(axis=0).tolist()), tuple(used.max(axis=0).tolist()))
 

@@ -166,7 +166,7 @@ def _names() -> dict[str, Any]:
 
 def _good(name: str) -> str:
     return {
-        "pcsg.load": "Path('grammars/sierpinski.pcsg')",
+        "pcsg.load": "Path('grammars/menger.pcsg')",
         "pcsg.loads": "'{c = 2} sphere'",
         "pcsg.Scene": "pcsg.C(c=1) * pcsg.sphere",
         "pcsg.render": "scene, (4, 3), 1",

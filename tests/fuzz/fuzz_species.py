@@ -24,12 +24,12 @@ def seeds() -> Sequence[str]:
     for path in sorted(DATA.glob("*.json")):
         text = path.read_text(encoding="utf-8")
         # Young trees mostly: what is wrong with an old one is wrong with them, too.
-        found += [text, *[json.dumps({**json.loads(text), "ymax": 4, "trunk_scale": 3})] * 9]
+        found += [text, *[json.dumps({**json.loads(text), "ymax": 4, "trunk_scale": 3})] * 30]
     small = {"species": "x", "ymax": 3, "trunk_scale": 1.5, "order_max": 2}
     angles = {"angles": {"short": 70, "noise": 5}, "season": {"evergreen": 2, "fall": [0.7, 0.9]}}
     leaf = {"leaf": {"form": "needle", "length": 0.05}, "radius": {"rule": "pipe", "r_tip": 0.002}}
     curve = {"curves": {"G_h": {"type": "bspline", "points": [[0, 0.1], [0.4, 0.5], [1, 1]]}}}
-    found += [json.dumps({**small, **more}) for more in (angles, leaf, curve) for _ in range(12)]
+    found += [json.dumps({**small, **more}) for more in (angles, leaf, curve) for _ in range(30)]
     return found
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pcsg.meshfile.closing import Closing, close
+from pcsg.meshfile.closing import Closing, close, order_of
 
 FOUR = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
 CORNERS = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
@@ -149,3 +149,10 @@ def test_a_small_part_does_not_vanish_in_a_large_box() -> None:
     points = np.concatenate([CORNERS * 1e9, CORNERS + 5e8])
     found = close(points, np.concatenate([FOUR, FOUR[:1] + 4]))
     assert not found.closed
+
+
+@pytest.mark.parametrize("most", [50, 2**62])
+def test_equal_numbers_stay_in_their_order(most: int) -> None:
+    keys = np.random.default_rng(1).integers(0, 50, 400)
+    assert order_of(keys, most).tolist() == np.argsort(keys, kind="stable").tolist()
+    assert order_of(keys[:0], most).tolist() == []
