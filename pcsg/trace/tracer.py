@@ -150,9 +150,7 @@ class StatesTracer(StatesEngine):
         ]
         return join_spans(len(which), parts)
 
-    def _span(
-        self, rays: Rays, which: NDArray[np.int64], room: int, *rooms: int
-    ) -> list[RaySpans]:
+    def _span(self, rays: Rays, which: NDArray[np.int64], room: int, *rooms: int) -> list[RaySpans]:
         """Return the intervals of some rays, with room for so many of each, or else for more."""
         n = len(which)
         origins, directions = rays.origins[which], rays.directions[which]
