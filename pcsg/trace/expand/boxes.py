@@ -17,10 +17,11 @@ from pcsg.graph.operators import DIFFERENCE, UNION
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_support
 from pcsg.simd import WIDTH
-from pcsg.trace.bounding import CORNERS, SUPPORT, bound_by_support, bound_part, pad_box
+from pcsg.trace.bounding import CORNERS, SUPPORT, pad_box
 from pcsg.trace.expand.clusters import CLUSTER, Sizes
-from pcsg.trace.expand.layout import Layout, LayoutWork, item_matrix
+from pcsg.trace.expand.layout import Layout, LayoutWork, instance_matrix, item_matrix
 from pcsg.trace.expand.programs import L_SHAPE, L_SHAPE_AT, L_SOLID, LEAF_FIELDS, Programs
+from pcsg.trace.expand.shapes import bound_shape, join_box, start_box
 from pcsg.trace.expand.table import LEAF, OPERATION, STATE, Table
 from pcsg.trace.groups import BLOCK, EMPTY, INSTANCE, SMALL
 from pcsg.trace.groups import LEAF as LEAF_REF
@@ -36,28 +37,7 @@ TOLERANCE = 0.01
 @njit
 def bound_leaf(programs: Programs, table: Table, i: int, m: Affine, work: LayoutWork) -> None:
     """Write the box of a leaf to `work.box`."""
-    leaf = LEAF_FIELDS * table.target[i]
-    shape, at = programs.leaves[leaf + L_SHAPE], programs.leaves[leaf + L_SHAPE_AT]
-    if shape == SUPPORT:
-        at = table.numbers_at[i]
-        bound_by_support(programs.leaves[leaf + L_SOLID], m, table.numbers, at, work.box)
-    else:
-        bound_part(shape, m, programs.shapes, at, table.numbers, 0, work.sides, work.box)
-
-
-@njit
-def start_box(box: NDArray[np.float64], at: int) -> None:
-    """Write the box of nothing."""
-    for k in range(3):
-        box[at + k], box[at + 3 + k] = math.inf, -math.inf
-
-
-@njit
-def join_box(box: NDArray[np.float64], at: int, other: NDArray[np.float64], there: int) -> None:
-    """Grow a box to contain another one."""
-    for k in range(3):
-        box[at + k] = min(box[at + k], other[there + k])
-        box[at + 3 + k] = max(box[at + 3 + k], other[there + 3 + k])
+    bound_shape(programs, table, i, m, work.sides, work.box)
 
 
 @njit
@@ -116,7 +96,7 @@ def bound_item(
             join_box(boxes, 12 * level, work.box, 0)
             continue
         if kind == STATE and sizes.flags[target] & CLUSTER:
-            m = item_matrix(table, i, outer)
+            m = instance_matrix(table, layout, i, outer)
             bound_instance(programs, table, layout, out, work, layout.list_of[target], m)
             join_box(boxes, 12 * level, work.box, 0)
             continue

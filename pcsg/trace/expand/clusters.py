@@ -15,9 +15,18 @@ from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE, UNION
 from pcsg.jit import njit
+from pcsg.trace.expand.frames import (
+    Frames,
+    is_far,
+    load_origin,
+    middle_of,
+    move_origin,
+    store_origin,
+)
 from pcsg.trace.expand.programs import HAS_DATA, IS_EMPTY, IS_SHEET, L_FLAGS, LEAF_FIELDS, Programs
 from pcsg.trace.expand.table import LEAF, N_STATES, OPERATION, STATE, Table
 from pcsg.trace.small import MAX_PRIMITIVES
+from pcsg.vec import Vec3
 
 _UNION, _DIFFERENCE = UNION.kind, DIFFERENCE.kind
 
@@ -25,9 +34,9 @@ MOST_COPIED = 64
 """Leaves that all copies of a state may have together and be flattened."""
 
 # Flags of states and of items.
-PLAIN, SHEETS, CLUSTER = 1, 2, 4
+PLAIN, SHEETS, CLUSTER, FAR = 1, 2, 4, 8
 """PLAIN: only leaves without data and without sheets, none of them in another cluster. SHEETS:
-there are sheets below."""
+there are sheets below. FAR: a cluster whose frame must not be left, see `frames`."""
 
 
 class Sizes(NamedTuple):
@@ -167,8 +176,9 @@ def _count_operation(table: Table, sizes: Sizes, i: int) -> None:
 
 
 @njit(entry=True)
-def choose_clusters(table: Table, sizes: Sizes, order: NDArray[np.int32]) -> None:
+def choose_clusters(table: Table, sizes: Sizes, frames: Frames, order: NDArray[np.int32]) -> None:
     """Mark the states that are clusters of their own, from the axiom down."""
+    framed = len(frames.widths) > 0
     sizes.copies[0] = 1.0
     sizes.flags[0] |= CLUSTER
     for k in range(table.counters[N_STATES] - 1, -1, -1):
@@ -176,11 +186,27 @@ def choose_clusters(table: Table, sizes: Sizes, order: NDArray[np.int32]) -> Non
         copies, leaves = sizes.copies[s], sizes.leaves[s]
         if copies > 1.0 and leaves > 1.0 and copies * leaves > MOST_COPIED:
             sizes.flags[s] |= CLUSTER
+        if framed and s != 0 and is_far(frames, s, leaves, load_origin(frames, s)):
+            sizes.flags[s] |= CLUSTER | FAR
         if sizes.flags[s] & CLUSTER:
             copies = 1.0
+            if framed:
+                _choose_origin(sizes, frames, s)
         for i in range(table.first[s], table.last[s]):
             if table.kind[i] == STATE:
                 sizes.copies[table.target[i]] += copies
+                if framed:
+                    move_origin(frames, table, s, i)
+
+
+@njit
+def _choose_origin(sizes: Sizes, frames: Frames, s: int) -> None:
+    """Choose where the origin of a cluster's frame is."""
+    origin = Vec3(0.0, 0.0, 0.0)
+    if is_far(frames, s, sizes.leaves[s], origin):
+        sizes.flags[s] |= FAR
+        origin = middle_of(frames, s)
+    store_origin(frames, s, origin)
 
 
 @njit(entry=True)

@@ -14,7 +14,7 @@ from pcsg.geometry.bvh import BuildWork, Hierarchies, begin_hierarchy, build_blo
 from pcsg.graph.operators import UNION
 from pcsg.jit import njit
 from pcsg.trace.expand.boxes import bound_instance, bound_item, bound_leaf
-from pcsg.trace.expand.clusters import CLUSTER, Sizes, count_operands, is_small
+from pcsg.trace.expand.clusters import CLUSTER, FAR, Sizes, count_operands, is_small
 from pcsg.trace.expand.layout import (
     AT_FIRST,
     AT_LIST,
@@ -31,7 +31,9 @@ from pcsg.trace.expand.layout import (
     Layout,
     LayoutWork,
     add_list,
+    instance_matrix,
     item_matrix,
+    move_frame,
     write_row,
 )
 from pcsg.trace.expand.opening import open_list
@@ -57,6 +59,7 @@ def lay_out(
     table: Table,
     sizes: Sizes,
     order: NDArray[np.int32],
+    origins: NDArray[np.float64],
     limit: int,
     root_limit: int,
     layout: Layout,
@@ -69,6 +72,8 @@ def lay_out(
 
     Parameters
     ----------
+    origins
+        As in `Frames`.
     limit, root_limit
         References up to which lists are opened, and the axiom's.
     most
@@ -91,7 +96,12 @@ def lay_out(
             # An axiom that is empty has an empty block.
             if sizes.flags[s] & CLUSTER and (sizes.leaves[s] > 0.0 or s == 0):
                 c[AT_FIRST] = c[AT_LIST] = c[N_LISTS]
-                layout.list_of[s] = add_list(layout, table.first[s], table.last[s])
+                k = add_list(layout, table.first[s], table.last[s])
+                layout.list_of[s] = k
+                if sizes.flags[s] & FAR:
+                    layout.list_far[k] = 1
+                    for j in range(3):
+                        layout.list_middle[3 * k + j] = origins[3 * s + j]
                 c[AT_PHASE] = _NEXT_LIST
             else:
                 c[AT_STATE] += 1
@@ -146,7 +156,7 @@ def _begin_list(table: Table, sizes: Sizes, layout: Layout, work: LayoutWork, k:
         c[N_ROWS] += sizes.refs_of[i]
         i = table.end[i]
     work.frames[0], work.frames[1] = layout.list_item[k], layout.list_item_end[k]
-    store_affine(work.frame_matrices, 0, IDENTITY)
+    store_affine(work.frame_matrices, 0, move_frame(IDENTITY, layout, k, -1.0))
     c[AT_RUNS] = 1
 
 
@@ -181,7 +191,7 @@ def _flatten(
             write_row(layout, row, LEAF_REF, record, i, m, work.box)
             row += 1
         elif kind == STATE and sizes.flags[target] & CLUSTER:
-            m = item_matrix(table, i, outer)
+            m = instance_matrix(table, layout, i, outer)
             number = layout.list_of[target]
             bound_instance(programs, table, layout, out, work, number, m)
             write_row(layout, row, INSTANCE_REF, number, i, m, work.box)
@@ -207,6 +217,31 @@ def _flatten(
             top += 1
     layout.counters[AT_ROW], layout.counters[AT_RUNS] = row, top
     return most
+
+
+@njit(entry=True)
+def move_axiom(
+    programs: Programs,
+    table: Table,
+    layout: Layout,
+    out: Hierarchies,
+    work: LayoutWork,
+    build: BuildWork,
+) -> None:
+    """Put the axiom's cluster into the world, where its frame is another one, as an instance."""
+    c = layout.counters
+    number = layout.list_of[0]
+    k = add_list(layout, -1, -1)
+    row = c[N_ROWS]
+    layout.list_first[k], layout.list_end[k] = row, row + 1
+    layout.list_block[k] = c[N_BLOCKS]
+    c[N_ROWS], c[N_BLOCKS] = row + 1, c[N_BLOCKS] + 1
+    m = move_frame(IDENTITY, layout, number, 1.0)
+    bound_instance(programs, table, layout, out, work, number, m)
+    write_row(layout, row, INSTANCE_REF, number, -1, m, work.box)
+    waiting, unbounded = begin_hierarchy(layout.boxes, row, 1, layout.list_block[k], build)
+    build_block(layout.boxes, layout.codes, out, c[N_BLOCKS], waiting, unbounded, build)
+    layout.list_of[0] = k
 
 
 @njit(entry=True)

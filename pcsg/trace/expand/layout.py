@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.trace.expand.table import Table
-from pcsg.vec import Affine, compose, load_affine, store_affine
+from pcsg.vec import Affine, Vec3, compose, load_affine, store_affine, transform_point
 
 # Counters of a layout: how many there are of each,
 N_ROWS, N_LISTS, N_RECORDS, N_ARGS, N_SMALLS, N_TABLES, N_OPERATIONS, N_BLOCKS = range(8)
@@ -42,6 +42,10 @@ class Layout(NamedTuple):
         References of every list, and the first block of its hierarchy.
     list_item, list_item_end : int32 (L,)
         The items that it is made of.
+    list_far : int32 (L,)
+        1 for clusters whose frame must not be left, see `frames`: they are never opened.
+    list_middle : float64 (3 L,)
+        Where the origin of a cluster's frame is in that of its state.
     list_of : int32 (N,)
         The list of every cluster, by its state.
     record_of : int32 (M,)
@@ -65,6 +69,8 @@ class Layout(NamedTuple):
     list_block: NDArray[np.int32]
     list_item: NDArray[np.int32]
     list_item_end: NDArray[np.int32]
+    list_far: NDArray[np.int32]
+    list_middle: NDArray[np.float64]
     list_of: NDArray[np.int32]
     record_of: NDArray[np.int32]
     record_slots: NDArray[np.int32]
@@ -136,10 +142,31 @@ def item_matrix(table: Table, i: int, outer: Affine) -> Affine:
 
 
 @njit
+def instance_matrix(table: Table, layout: Layout, i: int, outer: Affine) -> Affine:
+    """Return the matrix of the cluster that an item is, in the frame that `outer` leads to."""
+    m = item_matrix(table, i, outer)
+    number = layout.list_of[table.target[i]]
+    return move_frame(m, layout, number, 1.0)
+
+
+@njit
+def move_frame(m: Affine, layout: Layout, number: int, way: float) -> Affine:
+    """Return a matrix from a cluster's frame by that from its state's, or the other one (-1)."""
+    if layout.list_far[number] == 0:
+        return m
+    at = 3 * number
+    x, y, z = layout.list_middle[at], layout.list_middle[at + 1], layout.list_middle[at + 2]
+    x, y, z = way * x, way * y, way * z
+    p = transform_point(m, Vec3(x, y, z))
+    return Affine(m.m00, m.m01, m.m02, p.x, m.m10, m.m11, m.m12, p.y, m.m20, m.m21, m.m22, p.z)
+
+
+@njit
 def add_list(layout: Layout, item: int, end: int) -> int:
     """Append a list of what items come to, and return its number."""
     k = layout.counters[N_LISTS]
     layout.list_item[k], layout.list_item_end[k] = item, end
+    layout.list_far[k] = 0
     layout.counters[N_LISTS] = k + 1
     return int(k)
 

@@ -53,7 +53,11 @@ def open_list(
             if areas[k] > largest:
                 target = layout.targets[rows[k]]
                 more = layout.list_end[target] - layout.list_first[target] - 1
-                if count + more <= most and used + more + 1 <= len(rows):
+                if (
+                    layout.list_far[target] == 0
+                    and count + more <= most
+                    and used + more + 1 <= len(rows)
+                ):
                     chosen, largest, before = k, areas[k], previous
                 else:
                     areas[k] = 0.0

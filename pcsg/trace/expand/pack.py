@@ -22,7 +22,8 @@ from pcsg.trace.expand.clusters import (
 )
 from pcsg.trace.expand.expansion import Expansion
 from pcsg.trace.expand.extremes import outermost_boxes
-from pcsg.trace.expand.flatten import finish_layout, lay_out
+from pcsg.trace.expand.flatten import finish_layout, lay_out, move_axiom
+from pcsg.trace.expand.frames import find_frames
 from pcsg.trace.expand.layout import (
     COUNTERS,
     N_ARGS,
@@ -80,28 +81,35 @@ def pack_expansion(expansion: Expansion) -> Packed:
     shrinks = _may_shrink(expansion, table, order)
     sizes = make_sizes(expansion.n_states, expansion.n_items)
     count_leaves(programs, table, sizes, order)
-    choose_clusters(table, sizes, order)
+    frames = find_frames(programs, table, sizes.leaves_of, order)
+    choose_clusters(table, sizes, frames, order)
     measure_states(table, sizes, order)
     clusters = np.flatnonzero((sizes.flags & CLUSTER) != 0)
-    lists = int(sizes.lists[clusters].sum()) + len(clusters)
+    # The axiom's may be moved.
+    lists = int(sizes.lists[clusters].sum()) + len(clusters) + 1
     limit = min(opening.OPEN_GROUP, opening.OPEN_TOTAL // len(clusters))
     whole = sizes.leaves[0]
     root_limit = max(opening.OPEN_ROOT, int(whole) if whole <= opening.OPEN_WHOLE else 0)
     # Lists with instances are written a second time where they are opened.
     shared = limit * lists + root_limit if len(clusters) > 1 else 0
-    rows = int(sizes.rows[clusters].sum()) + shared
+    rows = int(sizes.rows[clusters].sum()) + shared + 1
     layout = _make_layout(expansion, sizes, clusters, rows, lists)
     blocks = rows // 2 + 2 * lists + 2
     out = Hierarchies(np.empty(6 * WIDTH * blocks, np.float32), np.empty(WIDTH * blocks, np.int32))
     depth = int(max(sizes.depth.max(), sizes.depth_of.max(initial=0))) + 4
     work = _make_work(depth, max(root_limit, limit), table)
     build = make_build_work(rows)
-    arrays = programs, table, sizes, order, limit, root_limit, layout, out, work, build
+    limits = limit, root_limit
+    arrays = programs, table, sizes, order, frames.origins, *limits, layout, out, work, build
+    del frames
     while not lay_out(*arrays, SLICE):
         pass
     root = layout.list_of[0]
     first, end = int(layout.list_first[root]), int(layout.list_end[root])
     outermost = outermost_boxes(programs, table, layout, out, work, first, end)
+    if layout.list_far[root]:
+        outermost += np.tile(layout.list_middle[3 * root : 3 * root + 3], 2)
+        move_axiom(programs, table, layout, out, work, build)
     bounded = _hull(outermost[np.isfinite(outermost).all(axis=1)])
     finish_layout(layout)
     box = _hull(outermost)
@@ -134,6 +142,8 @@ def _make_layout(
         list_block=np.empty(lists, whole),
         list_item=np.empty(lists, whole),
         list_item_end=np.empty(lists, whole),
+        list_far=np.zeros(lists, whole),
+        list_middle=np.zeros(3 * lists),
         list_of=np.full(expansion.n_states, -1, whole),
         record_of=np.full(expansion.n_items, -1, whole),
         record_slots=np.full(1 << (2 * leaves + 2).bit_length(), -1, whole),
