@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
@@ -13,9 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pcsg import arguments
+from pcsg.collector import collector_at_rest
 from pcsg.errors import GrammarError, UsageError
 from pcsg.graph.binding import make_recipes
 from pcsg.graph.bounds import HyperBoxes, hyper_boxes
+from pcsg.graph.digest import digest_of
 from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, unit
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.nodes import Combinable, Leaf, as_node
@@ -174,6 +175,11 @@ class Scene:
         self._max_memory = _bytes(max_memory, "max_memory")
         self._block_memory = _bytes(block_memory, "block_memory")
         self.graph = graph.override(given)
+        with collector_at_rest():
+            self._prepare(engine, values)
+
+    def _prepare(self, engine: Engine, values: Mapping[str, float]) -> None:
+        """Check the graph and find its states, as far as they are wanted beforehand."""
         problems = check_graph(self.graph)
         errors = [d for d in problems if d.severity == "error"]
         if errors:
@@ -267,7 +273,7 @@ class Scene:
     def tracer(self) -> Walker | StatesTracer | LazyTracer:
         """Who answers the rays."""
         # What is beyond the numbers of boxes is infinite there, and so within them.
-        with np.errstate(over="ignore", invalid="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"), collector_at_rest():
             return self._make_tracer()
 
     def _make_tracer(self) -> Walker | StatesTracer | LazyTracer:
@@ -295,6 +301,9 @@ class Scene:
         return self._make_walker()
 
     def _make_walker(self) -> Walker:
+        if self.states.unknown_models and not self._model_values:
+            table = self._reader.expand()
+            self._model_values = {} if table is None else table.model_values
         limit = {} if self._max_memory is None else {"max_bytes": self._max_memory}
         return Walker(
             self.graph,
@@ -323,9 +332,7 @@ class Scene:
     @cached_property
     def source_hash(self) -> str:
         """Digest of the grammar with its overrides, in hexadecimal."""
-        digests = [c.digest for n in self.graph.nodes if isinstance(n, Leaf) for c in n.constants]
-        text = "\n".join([to_pcsg(self.graph, abridged=True), *digests])
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return digest_of(self.graph)
 
     @cached_property
     def sheets(self) -> NDArray[np.bool_]:

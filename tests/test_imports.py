@@ -22,6 +22,7 @@ FLOORS: list[set[str]] = [
         "compilation",
         "objectcode",
         "codecache",
+        "collector",
         "fingerprint",
         "geometry",
         "jit",

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
 
 from pcsg.catalogue import diagnose
+from pcsg.collector import collector_at_rest
 from pcsg.errors import Diagnostic, GrammarError, SourceSpan
 from pcsg.grammar.check import check_names, never_used
 from pcsg.grammar.items import cut_items
@@ -68,7 +67,7 @@ def check_file(
 
     The file of an L-system stands for a grammar of one blob, the plant that it draws.
     """
-    with _collector_at_rest():
+    with collector_at_rest():
         return _check(preprocess_file(Path(path), include))
 
 
@@ -76,20 +75,8 @@ def check_text(
     text: str, name: str = "<text>", *, include: Iterable[str | Path] = ()
 ) -> tuple[Graph | None, list[Diagnostic]]:
     """Read a text and return all errors and warnings; the graph if there are no errors."""
-    with _collector_at_rest():
+    with collector_at_rest():
         return _check(preprocess_text(text, name, include))
-
-
-@contextmanager
-def _collector_at_rest() -> Iterator[None]:
-    """Keep the collector of cycles away; it would walk the growing syntax again and again."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def _graph_of(checked: tuple[Graph | None, list[Diagnostic]]) -> Graph:

@@ -7,8 +7,9 @@ that constants are computed once, and so is what many states have in common.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from struct import Struct
 
 from pcsg.errors import SourceSpan, UsageError
@@ -66,30 +67,36 @@ class GraphCode:
         self.slots: Mapping[str, int] = {name: k for k, name in enumerate(names)}
         self.frame_slot = frame
         self.program = Program(self.slots, frame)
+        self.liveness = liveness
         self._at: list[int] = []
-        self._reads: list[tuple[int, ...]] = []
         self._stores: list[tuple[int, ...]] = []
-        self._pack: list[Struct] = []
+        self._reads: dict[int, tuple[int, ...]] = {}
         self._memory: dict[tuple[int, bytes], object] = {}
         for k, node in enumerate(graph.nodes):
-            self._add(k, node, liveness)
+            self._add(k, node)
 
-    def _add(self, k: int, node: Node, liveness: Liveness) -> None:
-        exprs, stores = _code_of(self.graph, k, node, liveness)
+    def _add(self, k: int, node: Node) -> None:
+        exprs, stores = _code_of(self.graph, k, node, self.liveness)
         if isinstance(node, Calculation) and node.call:
             at = self.program.add_parallel(exprs, stores)
         else:
             at = self.program.add(exprs, stores) if exprs else -1
         self._at.append(at)
-        self._stores.append(tuple(dict.fromkeys(self.slots[s] for s in stores)))
-        names: set[str] = set()
-        assigned: set[str] = set()
-        for i, expr in enumerate(exprs):
-            names |= reads(expr) - assigned
-            if stores and not (isinstance(node, Calculation) and node.call):
-                assigned.add(stores[i])
-        self._reads.append(tuple(sorted(self.slots[n] for n in names)))
-        self._pack.append(Struct(f"{len(names)}d"))
+        self._stores.append(tuple(dict.fromkeys([self.slots[s] for s in stores])))
+
+    def _reads_of(self, k: int) -> tuple[int, ...]:
+        """Return the slots that a node reads, found when it is first evaluated."""
+        if k not in self._reads:
+            node = self.graph.nodes[k]
+            exprs, stores = _code_of(self.graph, k, node, self.liveness)
+            names: set[str] = set()
+            assigned: set[str] = set()
+            for i, expr in enumerate(exprs):
+                names |= reads(expr) - assigned
+                if stores and not (isinstance(node, Calculation) and node.call):
+                    assigned.add(stores[i])
+            self._reads[k] = tuple(sorted(self.slots[n] for n in names))
+        return self._reads[k]
 
     def code_at(self, k: int) -> int:
         """Return where the code of a node begins on the tape, -1 where it computes nothing."""
@@ -119,7 +126,8 @@ class GraphCode:
         return params
 
     def _key(self, k: int, params: list[float]) -> tuple[int, bytes]:
-        return k, self._pack[k].pack(*[params[i] for i in self._reads[k]])
+        read = self._reads_of(k)
+        return k, _packer(len(read))(*[params[i] for i in read])
 
     def _remember(self, key: tuple[int, bytes], value: object) -> None:
         if len(self._memory) >= _REMEMBERED:
@@ -228,20 +236,28 @@ class GraphCode:
         return args
 
 
-def _code_of(graph: Graph, k: int, node: Node, liveness: Liveness) -> tuple[list[Expr], list[str]]:
+@cache
+def _packer(n: int) -> Callable[..., bytes]:
+    """Return what turns so many numbers into their bits."""
+    return Struct(f"{n}d").pack
+
+
+def _code_of(
+    graph: Graph, k: int, node: Node, liveness: Liveness
+) -> tuple[Sequence[Expr], Sequence[str]]:
     """Return the expressions of a node and the names that they are assigned to."""
+    if isinstance(node, (Transformation, Leaf)):
+        return node.args, ()
     if isinstance(node, Selection):
-        return [] if node.select is None else [node.select], []
+        return () if node.select is None else (node.select,), ()
     if isinstance(node, Calculation):
         used = [node.assignments[i] for i in liveness.used_assignments(k)]
         return [expr for _, expr in used], [name for name, _ in used]
     if isinstance(node, Attribute):
         if not liveness.live[graph.successors[k][0]] & set(attribute_stores(node)):
-            return [], []
-        return attribute_values(graph, node), list(attribute_stores(node))
-    if isinstance(node, (Transformation, Leaf)):
-        return list(node.args), []
-    return [], []
+            return (), ()
+        return attribute_values(graph, node), attribute_stores(node)
+    return (), ()
 
 
 def _unknown(graph: Graph) -> set[str]:

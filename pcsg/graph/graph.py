@@ -175,11 +175,11 @@ class Graph:
         """Graphs are equal if they have the same nodes, edges, sharing and settings."""
         if not isinstance(other, Graph):
             return NotImplemented
-        return (
+        return self is other or (
             self.successors == other.successors
             and [content(n) for n in self.nodes] == [content(n) for n in other.nodes]
-            and [_setting_content(s) for s in self.settings]
-            == [_setting_content(s) for s in other.settings]
+            and [setting_content(s) for s in self.settings]
+            == [setting_content(s) for s in other.settings]
         )
 
     __hash__ = object.__hash__
@@ -221,7 +221,8 @@ def content(node: Node) -> tuple[object, ...]:
     return ("L", node.solid.name, tuple(c.signature for c in node.constants), exprs)
 
 
-def _setting_content(setting: Setting) -> tuple[object, ...]:
+def setting_content(setting: Setting) -> tuple[object, ...]:
+    """Return everything a setting is, as a value that compares."""
     values = tuple(
         (key, value if isinstance(value, str) else tuple(signature(e) for e in value))
         for key, value in setting.values.items()

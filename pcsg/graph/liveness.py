@@ -177,18 +177,20 @@ class Liveness:
 def successors_first(successors: Sequence[Sequence[int]]) -> list[int]:
     """Return the numbers of a rooted graph's nodes so that successors precede, cycles apart."""
     order: list[int] = []
-    state = bytearray(len(successors))
+    seen = bytearray(len(successors))
     for root in range(len(successors)):
-        stack = [(root, 0)]
-        while stack:
-            k, i = stack.pop()
-            if i == 0:
-                if state[k]:
-                    continue
-                state[k] = 1
-            if i < len(successors[k]):
-                stack.append((k, i + 1))
-                stack.append((successors[k][i], 0))
+        if seen[root]:
+            continue
+        seen[root] = 1
+        path, below = [root], [iter(successors[root])]
+        while path:
+            for s in below[-1]:
+                if not seen[s]:
+                    seen[s] = 1
+                    path.append(s)
+                    below.append(iter(successors[s]))
+                    break
             else:
-                order.append(k)
+                below.pop()
+                order.append(path.pop())
     return order

@@ -155,7 +155,7 @@ class Program:
     frame_slot: int = -1
     _code: list[tuple[int, int, int]] = field(default_factory=list)
     _constants: list[float] = field(default_factory=list)
-    _constant_index: dict[str, int] = field(default_factory=dict)
+    _constant_index: dict[float | str, int] = field(default_factory=dict)
     exprs: list[Expr | None] = field(default_factory=list)
     stack_size: int = 1
 
@@ -168,7 +168,12 @@ class Program:
         start = len(self._code)
         depth = 0
         for k, expr in enumerate(exprs):
-            depth = self._add_expr(expr, depth)
+            if isinstance(expr, Number):  # most are
+                self._emit(CONSTANT, self._constant(expr.value), 0, expr)
+                depth += 1
+                self.stack_size = max(self.stack_size, depth + 2)
+            else:
+                depth = self._add_expr(expr, depth)
             if stores:
                 self._emit(STORE, self.slots[stores[k]], 0, expr)
                 depth -= 1
@@ -202,11 +207,12 @@ class Program:
         return len(self._code) - 1
 
     def _constant(self, value: float) -> int:
-        key = value.hex()
-        if key not in self._constant_index:
-            self._constant_index[key] = len(self._constants)
+        # Two zeros are equal and not the same.
+        key = value or value.hex()
+        index = self._constant_index.setdefault(key, len(self._constants))
+        if index == len(self._constants):
             self._constants.append(value)
-        return self._constant_index[key]
+        return index
 
     def _add_expr(self, root: Expr, depth: int) -> int:
         """Append the code of one expression; `depth` is the height of the stack before it."""

@@ -116,13 +116,8 @@ def _given_args(leaf: Leaf) -> Sequence[Expr]:
     return leaf.args[:count]
 
 
-def to_pcsg(graph: Graph, *, abridged: bool = False) -> str:
+def to_pcsg(graph: Graph) -> str:
     """Return a graph as a grammar: the axiom, modules, definitions, settings.
-
-    Parameters
-    ----------
-    abridged
-        Write ``...`` for data that the language cannot say, such as a mesh given as arrays.
 
     Nodes that are reached from several places become definitions, with the names they have or
     with generated ones, so that reading the text gives an equal graph.
@@ -134,8 +129,7 @@ def to_pcsg(graph: Graph, *, abridged: bool = False) -> str:
         cycle without a module, a module without rules or without a selection function, data
         without a file.
     """
-    if not abridged:
-        _check_constants(graph)
+    _check_constants(graph)
     return _Writer(graph).write()
 
 

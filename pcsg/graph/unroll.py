@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import cached_property
 from struct import Struct
 
 from pcsg.errors import Diagnostic, UsageError
@@ -76,6 +77,10 @@ def enumerate_states(
         With `finite` False where the budget ended first, and with the faults met.
     """
     unroller = _Unroller(graph, globals_values, budget, without)
+    # A text that is longer than all visits may be is not begun with.
+    if starts is None and len(graph.nodes) - len(without) > STEPS_PER_STATE * budget:
+        unroller.give_up()
+        return unroller.found
     unroller.run(starts)
     _check_depth(unroller.found, depth_limit)
     return unroller.found
@@ -109,20 +114,47 @@ class _Unroller:
     ) -> None:
         self.graph = graph
         self.without = without
-        self.liveness = Liveness(graph)
-        self.code = GraphCode(graph, self.liveness)
-        self.cuts = cuts(graph)
+        self.values = globals_values
         self.budget = budget
         self.found = StateGraph(graph, [State(0, 0, 0, (), -1)])
-        self.initial = self.code.initial(globals_values)
-        self.unassigned = [math.nan] * len(self.initial)
-        self.attributes = [self.code.slots[name] for name in ATTRIBUTE_SLOTS]
         self.index: dict[tuple[int, int, bytes], int] = {}
         self.pending: list[int] = []
-        self.pack = {k: Struct(f"{len(s)}d").pack for k, s in enumerate(self.liveness.slots)}
         self.reported: set[object] = set()
         self.models: dict[tuple[object, ...], int] = {}  # bytes
-        self.frame_mask = 1 << self.code.frame_slot if self.code.frame_slot >= 0 else 0
+
+    # What takes time for a long text is made when it is needed.
+
+    @cached_property
+    def liveness(self) -> Liveness:
+        return Liveness(self.graph)
+
+    @cached_property
+    def code(self) -> GraphCode:
+        return GraphCode(self.graph, self.liveness)
+
+    @cached_property
+    def cuts(self) -> set[int]:
+        return cuts(self.graph)
+
+    @cached_property
+    def initial(self) -> list[float]:
+        return self.code.initial(self.values)
+
+    @cached_property
+    def unassigned(self) -> list[float]:
+        return [math.nan] * len(self.initial)
+
+    @cached_property
+    def attributes(self) -> list[int]:
+        return [self.code.slots[name] for name in ATTRIBUTE_SLOTS]
+
+    @cached_property
+    def pack(self) -> dict[int, Callable[..., bytes]]:
+        return {k: Struct(f"{len(s)}d").pack for k, s in enumerate(self.liveness.slots)}
+
+    @cached_property
+    def frame_mask(self) -> int:
+        return 1 << self.code.frame_slot if self.code.frame_slot >= 0 else 0
 
     def run(self, starts: Sequence[Start] | None = None) -> None:
         """Expand states until none is left or the budget is spent."""
@@ -136,8 +168,7 @@ class _Unroller:
             visits += len(states[k].steps)
             todo.extend(reversed(self.pending))
             if todo and (len(states) > self.budget or visits > STEPS_PER_STATE * self.budget):
-                self.found.finite = False
-                self._check_models()
+                self.give_up()
                 return
 
     def _begin(self, starts: Sequence[Start]) -> list[int]:
@@ -260,8 +291,9 @@ class _Unroller:
             detail = f"{len(self.models)} of them need more than {MODELS_BYTES >> 30} GB"
             raise NodeFault(TOO_MANY_MODELS, n, None, detail)
 
-    def _check_models(self) -> None:
-        """Tell which models the states that were not enumerated may need."""
+    def give_up(self) -> None:
+        """Leave the rest, and tell which models the states that were not enumerated may need."""
+        self.found.finite = False
         for n, node in enumerate(self.graph.nodes):
             if isinstance(node, Leaf) and node.constants and _varies(node):
                 detail = "its parameters take more values than can be enumerated"

@@ -151,6 +151,8 @@ class ProgramWriter:
         self._checks: list[float] = []
         self._shapes: list[float] = []
         self._fixed: list[float] = []
+        # Of solids without data: where their checks begin, kind and offset of their shape.
+        self._shared: dict[type[Solid], tuple[int, int, int]] = {}
         self._slot_lists: dict[int, tuple[int, int]] = {}
         self._saved = self._matrices = self._operations = self._items = 1
         frame = self.code.frame_slot
@@ -343,18 +345,26 @@ class ProgramWriter:
         """Write a leaf; one with data whose model is not known yet is bounded by nothing."""
         flags = IS_EMPTY if node.solid.primitives == 0 else 0
         flags |= (IS_SHEET if node.is_sheet else 0) | (HAS_DATA if node.constants else 0)
-        checks = len(self._checks) // CHECK_FIELDS
-        for parameter in node.parameters:
-            self._checks += [parameter.low, parameter.high, float(parameter.open_low)]
-        shape, at = self._write_shape(node.solid, model, bool(node.constants))
+        known = None if node.constants else self._shared.get(node.solid)
+        if known is None:
+            known = self._write_checks(node), *self._write_shape(node, model)
+            if not node.constants:
+                self._shared[node.solid] = known
+        checks, shape, at = known
         code = self.code.code_at(n)
         self._leaves += [n, code, len(node.args), checks, node.solid.kind, shape, at, flags]
         self._fixed += self.models.place(model) if model else (0.0, 0.0, 0.0)
 
-    def _write_shape(
-        self, solid: type[Solid], model: Model | None, has_data: bool
-    ) -> tuple[int, int]:
+    def _write_checks(self, node: Leaf) -> int:
+        """Return where the checks of a leaf's arguments begin."""
+        at = len(self._checks) // CHECK_FIELDS
+        for parameter in node.parameters:
+            self._checks += [parameter.low, parameter.high, float(parameter.open_low)]
+        return at
+
+    def _write_shape(self, node: Leaf, model: Model | None) -> tuple[int, int]:
         """Return kind and offset of the shape that bounds a leaf."""
+        solid, has_data = node.solid, bool(node.constants)
         at = len(self._shapes)
         if solid.corners:
             self._shapes += [float(len(solid.corners)), *(x for c in solid.corners for x in c)]
