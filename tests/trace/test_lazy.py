@@ -120,7 +120,7 @@ def test_a_scene_takes_lazy_states_where_there_are_too_many() -> None:
     scene = Scene(plant(12), block_memory=1 << 20)
     assert isinstance(scene.tracer, LazyTracer) and scene.engine == "states"
     stats = scene.stats()
-    assert stats["states"] is None and stats["stored_states"] > 100
+    assert stats["states"] > 2_000 and stats["stored_states"] > 100
     assert stats["bytes"]["store"] <= 2 << 20
     assert isinstance(Scene(plant(12), engine="cyclic").tracer, Walker)
 
