@@ -132,6 +132,12 @@ CATALOGUE: dict[str, Mistake] = {
             "Names of transformations, attributes and primitives, and the words "
             "`else and or not pi e true false` cannot name anything else.",
         ),
+        Mistake(
+            "foreign-spelling",
+            _S,
+            "Something is written as in another language: EisenScript, Context Free, POV-Ray, "
+            "OpenSCAD, C. The message says how it is written here.",
+        ),
         Mistake("chained-comparison", _S, "Comparisons do not chain: write `a < b and b < c`."),
         Mistake("needs-parentheses", _S, "`not` behind a tighter operator needs parentheses."),
         Mistake("unknown-primitive", _N, "No primitive, definition or module has this name."),

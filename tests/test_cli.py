@@ -239,6 +239,31 @@ def test_check(run, tmp_path):
     assert all(json.loads(line)["severity"] == "error" for line in lines)
 
 
+def test_check_finds_what_a_picture_would_refuse_all_at_once(run, tmp_path):
+    (tmp_path / "bad.pcsg").write_text(
+        "{n = -2} sphere\n"
+        "camera { up = (0,0,0); fov = 200; eye = (1,1,1); target = (1,1,1) }\n"
+        "sun { direction = (0,0,0) }\n"
+        "light { radius = n }\n"
+        'sky { kind = image; file = "none.hdr" }\n'
+        "texture bark { kind = normals }\n"
+        "ground { z = 1/0 }\n"
+    )
+    result = run("check", "bad.pcsg", "--json")
+    assert result.exit_code == 2
+    found = [json.loads(line) for line in result.stdout.splitlines()]
+    assert [d["line"] for d in found] == [2, 2, 2, 3, 4, 5, 6, 7]
+    assert [d["message"] for d in found[1:6]] == [
+        "`up` of `camera` is the zero vector",
+        "`eye` and `target` are the same point",
+        "`direction` of `sun` is the zero vector",
+        "`radius` of `light` is -2",
+        "there is no file `none.hdr`",
+    ]
+    # A value of the command line may be what is right.
+    assert run("stats", "bad.pcsg").exit_code == 0
+
+
 def test_stats(run):
     result = run("stats", "ball.pcsg", "--json")
     assert result.exit_code == 0, result.output

@@ -10,14 +10,23 @@ import typer
 
 from pcsg.commands.files import check_there
 from pcsg.commands.guard import show
+from pcsg.errors import GrammarError
 
 
 def run(file: Path, include: Sequence[Path], as_json: bool) -> None:
     """Print the diagnostics of a file; exit status 2 if one is an error."""
     check_there(file)
     from pcsg.grammar import check_file
+    from pcsg.graph.evaluate import axiom_values, check_settings
+    from pcsg.graph.graph import GLOBALS
 
-    _, diagnostics = check_file(file, include=include)
+    graph, diagnostics = check_file(file, include=include)
+    if graph is not None:
+        # Parameters of the command line could mend these, so that files with them can be read.
+        try:
+            diagnostics += check_settings(graph, axiom_values(graph, GLOBALS))
+        except GrammarError as error:
+            diagnostics += error.diagnostics
     for diagnostic in diagnostics:
         text = json.dumps(diagnostic.to_json()) if as_json else diagnostic.render() + "\n"
         show(text)

@@ -9,6 +9,7 @@ from pcsg.catalogue import diagnose
 from pcsg.collector import collector_at_rest
 from pcsg.errors import Diagnostic, GrammarError, SourceSpan
 from pcsg.grammar.check import check_names, never_used
+from pcsg.grammar.foreign import explain_foreign
 from pcsg.grammar.items import cut_items
 from pcsg.grammar.lower import lower
 from pcsg.grammar.names import Names, collect_names
@@ -107,9 +108,11 @@ def _check(text: Preprocessed) -> tuple[Graph | None, list[Diagnostic]]:
     graph = Graph(root, settings) if root else None
     if graph:
         problems += _check_graph(graph, names)
+    problems += never_used(names)
     if any(p.severity == "error" for p in problems):
         graph = None
-    return graph, _in_order([*problems, *never_used(names)])
+        problems = explain_foreign(text.files, problems)
+    return graph, _in_order(problems)
 
 
 def _check_graph(graph: Graph, names: Names) -> list[Diagnostic]:

@@ -53,6 +53,7 @@ _ARGUMENTS = ("LPAREN", "LITERALS")
 _ENDS_SOLID = frozenset({"NAME", "PRIMITIVE"})
 _ENDS_NUMBER = frozenset({"NAME", "NUMBER", "CONSTANT"})
 _APPLIED = frozenset({"TRANSFORM", "ATTRIBUTE", *LOOPS.values()})
+_OF_SOLIDS = (_OPERAND_STARTS - {"NAME"}) | {"UNION", "INTERSECTION", "DIFFERENCE"}
 _OPENS = {"LPAREN": "(", "LBRACE": "{", "FOPEN": "{ "}
 _CLOSES = {"RPAREN": "(", "RBRACE": "{", "FCLOSE": "{ "}
 
@@ -185,9 +186,20 @@ class _Cutter:
             return None
         if self.open or not self.complete:
             return None
+        if kind == "LPAREN":
+            return "axiom" if token.first and self._is_of_solids(i) else None
         if kind == "NAME" and token.first and self._on_line(i + 1) and following == "LBRACE":
             return "setting"
         return "axiom" if kind in _OPERAND_STARTS and self.item is not None else None
+
+    def _is_of_solids(self, i: int) -> bool:
+        """Whether the bracket that opens at token i holds solids, not a call's numbers."""
+        depth = 0
+        for token in self.tokens[i:]:
+            depth += (token.type in _OPENS) - (token.type in _CLOSES)
+            if token.type in _OF_SOLIDS or depth <= 0:
+                return depth > 0
+        return False
 
     def _on_line(self, i: int) -> bool:
         """Whether token i is there and stands on the line of the one before it."""

@@ -118,10 +118,6 @@ def _hint(kind: str, tokens: list[Token], at: int) -> str | None:
     token = tokens[at]
     if token.type == "ARROW" and kind == "axiom":
         return "a rule begins with its number: `1: S -> ...`"
-    if token.type == "LPAREN" and kind != "axiom" and tokens[at - 1].type == "RPAREN":
-        return "an axiom may not start with `(`; write `{} ( ... )`"
-    if token.type == "ASSIGN" and at > 2 and tokens[at - 3].type == "FOR":
-        return "write the first and the last value: `for(i, 0, 9) ...`, and a step if it is not 1"
     if token.type == "ASSIGN":
         return "to compare, write `==`"
     if token.type == "NUMBER" and at + 1 < len(tokens) and tokens[at + 1].text == "*":

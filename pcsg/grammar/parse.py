@@ -48,14 +48,6 @@ def parse_item(raw: RawItem, last: bool) -> tuple[syntax.Item, Diagnostic | None
     tokens = raw.tokens
     if kind == "attributed" and tokens[1].type == "TRANSFORM" and tokens[1].text not in TRANSFORMS:
         tokens[1].type = "NAME"  # a module's head, taken for an unknown transformation
-    if kind == "axiom" and tokens[0].type == "LPAREN":
-        problem = diagnose(
-            "unexpected-token",
-            "an axiom may not start with `(`",
-            tokens[0].span,
-            hint="write `{} ( ... )`",
-        )
-        return _broken(raw), problem
     try:
         item: syntax.Item = _automaton(kind).parse(tokens)
         if item is not STUCK:

@@ -50,6 +50,51 @@ def setting_values(graph: Graph, kind: str, known: Mapping[str, float]) -> list[
     return [_values(setting, known) for setting in graph.settings_of(kind)]
 
 
+def check_settings(graph: Graph, known: Mapping[str, float]) -> list[Diagnostic]:
+    """Return what a picture would refuse of the settings.
+
+    Parameters
+    ----------
+    known
+        Values of the parameters that settings may read.
+    """
+    problems: list[Diagnostic] = []
+    for setting in graph.settings:
+        values = setting_defaults(setting.kind.name)
+        for key in setting.values:
+            try:
+                values[key] = _value(setting, key, known)
+            except GrammarError as error:
+                problems += error.diagnostics
+        problems += _check_together(setting, values)
+    return problems
+
+
+def _check_together(setting: Setting, values: Mapping[str, Any]) -> list[Diagnostic]:
+    """Return what is wrong with values that are each in their range."""
+    kind = setting.kind.name
+
+    def tell(key: str, message: str, expected: str | None = None) -> Diagnostic:
+        written = setting.values.get(key)
+        first = written[0] if written and not isinstance(written, str) else None
+        span = getattr(first, "span", None) or setting.span
+        return Diagnostic("setting-range", message, span, expected=expected)
+
+    problems = [
+        tell(key, f"`{key}` of `{kind}` is the zero vector", "a direction")
+        for key in ("up", "direction")
+        if key in values and not any(values[key])
+    ]
+    if kind == "camera" and values["eye"] is not None and values["eye"] == values["target"]:
+        problems.append(tell("target", "`eye` and `target` are the same point"))
+    file = setting.values.get("file")
+    if isinstance(file, FileName) and not file.path.is_file():
+        problems.append(tell("file", f"there is no file `{file}`"))
+    if values.get("kind") in ("image", "normals") and values.get("file") is None:
+        problems.append(tell("kind", f"a {kind} of kind `{values['kind']}` needs a `file`"))
+    return problems
+
+
 def setting_defaults(kind: str) -> dict[str, Any]:
     """Return the default of every key of a setting."""
     return {key: k.default for key, k in SETTINGS[kind].keys.items()}
@@ -59,26 +104,31 @@ def _values(setting: Setting, known: Mapping[str, float]) -> dict[str, Any]:
     found = setting_defaults(setting.kind.name)
     if setting.name is not None:
         found["name"] = setting.name
-    for key, written in setting.values.items():
-        if isinstance(written, str):
-            found[key] = str(written.path) if isinstance(written, FileName) else written
-            continue
-        numbers = tuple(_evaluate(expr, known) for expr in written)
-        spec = setting.kind.keys[key]
-        for x in numbers:
-            if not spec.low <= x <= spec.high:
-                raise GrammarError(
-                    [
-                        Diagnostic(
-                            "setting-range",
-                            f"`{key}` of `{setting.kind.name}` is {x:g}",
-                            getattr(written[0], "span", None) or setting.span,
-                            expected=f"a number from {spec.low:g} to {spec.high:g}",
-                        )
-                    ]
-                )
-        found[key] = numbers[0] if spec.kind is ValueKind.NUMBER else numbers
+    for key in setting.values:
+        found[key] = _value(setting, key, known)
     return found
+
+
+def _value(setting: Setting, key: str, known: Mapping[str, float]) -> Any:
+    """Return the value of a key that is written.
+
+    Raises
+    ------
+    GrammarError
+        It is not finite or outside its range.
+    """
+    written = setting.values[key]
+    if isinstance(written, str):
+        return str(written.path) if isinstance(written, FileName) else written
+    numbers = tuple(_evaluate(expr, known) for expr in written)
+    spec = setting.kind.keys[key]
+    for x in numbers:
+        if not spec.low <= x <= spec.high:
+            message = f"`{key}` of `{setting.kind.name}` is {x:g}"
+            span = getattr(written[0], "span", None) or setting.span
+            expected = f"a number from {spec.low:g} to {spec.high:g}"
+            raise GrammarError([Diagnostic("setting-range", message, span, expected=expected)])
+    return numbers[0] if spec.kind is ValueKind.NUMBER else numbers
 
 
 def _evaluate(expr: Expr, known: Mapping[str, float]) -> float:

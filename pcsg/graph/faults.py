@@ -37,7 +37,8 @@ _HINTS = {
     SINGULAR_MATRIX: "scale by something other than 0",
     DEPTH_LIMIT: "check that every cycle of rules changes a parameter towards a terminating rule",
     TOO_MANY_MODELS: "round a parameter, as in `round(8 * x) / 8`, so that places share models",
-    UNASSIGNED_PARAMETER: "assign it in the axiom's block or on every path to this place",
+    UNASSIGNED_PARAMETER: "assign it in the axiom's block or on every path to this place; a block"
+    " reaches only the solid behind it, and brackets make several one: `{n = 2} ( ... | ... )`",
 }
 
 _PATH_SHOWN = 12

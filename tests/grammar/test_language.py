@@ -359,7 +359,7 @@ def test_an_axiom_in_an_included_file_counts(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "hint"),
     [
-        ("translate(1, 0, 0) sphere", "did you mean `move`?"),
+        ("translate(1, 0, 0) sphere", "write `move(x,y,z)`"),
         ("ball", "did you mean `sphere`?"),
         ("sphere camera { look_at = (0, 0, 0) }", "did you mean `target`?"),
         ("sphere\nbackground { }", "did you mean `sky`?"),
@@ -473,3 +473,27 @@ def test_modules_and_nodes_know_their_places() -> None:
 def test_a_wrong_function_on_a_cycle_is_told(select: str) -> None:
     with pytest.raises(GrammarError, match=r"unknown function|takes 1 argument"):
         load_text(f"{{c=3}} S\nS if({select}, 2, 1)\n1: S -> sphere\n2: S -> {{c=c-1}} S")
+
+
+# An axiom in brackets.
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(sphere | box)",
+        "1: A -> box\n(A | sphere)",
+        "(A | sphere)\n1: A -> box",
+        "1: A -> box\n({n = 2} A)\ncamera { fov = 30 }",
+        "part = box\n(part | sphere)\n1: B -> part\n",
+        "1: A -> move(1,0,0)\n(box | sphere)\nA",
+    ],
+)
+def test_an_axiom_may_begin_with_a_bracket(text: str) -> None:
+    assert [d for d in check_text(text)[1] if d.severity == "error"] == []
+
+
+def test_numbers_in_brackets_on_the_next_line_are_a_call() -> None:
+    text = "w: B\n(2)\np: B(n) : n > 1 -> box | B\n(n - 1)\nq: B(n) -> sphere"
+    assert check_text(text)[1] == []
+    assert load_text(text).override({}).root is not None

@@ -108,7 +108,7 @@ MISTAKES = {
     "for(i,1,5,0) box": "a step of 0 never gets anywhere",
     "for(i,1;2) box": "`for` takes no `;` among its arguments",
     "for(i,1,2) move(i,0,0)": "the file ends behind `)`",
-    "for(i = 0; i < 3; i++) box": "write the first and the last value",
+    "for(i = 0; i < 3) box": "`for(i, 0, 9) ...`",
     "repeat(5) box": "unexpected `)`",
     "repeat(5, box) box": "a transformation or a block",
     "repeat(2, move(j,0,0)) box": "parameter `j` is never assigned",
@@ -116,7 +116,7 @@ MISTAKES = {
     "repeat(2, {x = foo(1)} move(x,0,0)) box": "unknown function `foo`",
     "repeat(bar(2), move(1,0,0)) box": "unknown function `bar`",
     "blob { repeat(3, move(0,0,1)) point(1) }": "`repeat` repeats solids",
-    "10 * { rz 36 } box": "repeat(10, move(1,0,0) rotz(36)) box",
+    "10 * box": "repeat(10, move(1,0,0) rotz(36)) box",
 }
 
 
