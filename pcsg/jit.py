@@ -11,8 +11,9 @@ from __future__ import annotations
 import dis
 import linecache
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, cached_property, update_wrapper
+from types import MappingProxyType
 from typing import Any, TypeVar, overload
 
 from pcsg.compilation import compile_in_numbas_way, is_linkable
@@ -193,6 +194,7 @@ def build_ladder(
     default: str,
     *,
     calls: Sequence[str] | None = None,
+    known: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
     contract: bool = False,
     inline: bool = False,
 ) -> Callable[..., Any]:
@@ -209,12 +211,14 @@ def build_ladder(
         Source of the expression that is returned for any other value.
     calls
         Source of the arguments of every case, where they differ from `arguments`.
+    known
+        Kernels that `default` calls, by their names there.
     contract, inline
         As for `njit`.
     """
     inner = ", ".join(arguments)
     lines = [f"def {name}({selector}, {inner}):"]
-    scope: dict[str, Any] = {}
+    scope: dict[str, Any] = dict(known)
     for value, case in enumerate(cases):
         if case is not None:
             scope[f"case_{value}"] = case

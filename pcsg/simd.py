@@ -43,6 +43,13 @@ def _store(builder: Any, values: Any, at: Any) -> None:
     builder.store(values, builder.bitcast(at, values.type.as_pointer())).align = 4
 
 
+def _splat(builder: Any, x: Any, vector: Any) -> Any:
+    nothing = ir.Constant(vector, ir.Undefined)
+    v = builder.insert_element(nothing, x, _whole(0))
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), vector.count), [0] * vector.count)
+    return builder.shuffle_vector(v, nothing, mask)
+
+
 def _largest(builder: Any, a: Any, b: Any) -> Any:
     return builder.select(builder.fcmp_ordered(">", a, b), a, b)
 
@@ -108,9 +115,7 @@ def _meet_boxes(
         )
 
         def splat(x: Any) -> Any:
-            v = builder.insert_element(ir.Constant(_BOXES, ir.Undefined), x, _whole(0))
-            mask = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
-            return builder.shuffle_vector(v, ir.Constant(_BOXES, ir.Undefined), mask)
+            return _splat(builder, x, _BOXES)
 
         def plane(offset: Any, axis: int, shift: int) -> Any:
             at = builder.gep(data, [builder.add(args[1], offset)], inbounds=True)
@@ -129,6 +134,44 @@ def _meet_boxes(
         met = builder.fcmp_ordered("<=", _largest(builder, near, splat(args[9])), far)
         _store(builder, near, out)
         return builder.zext(builder.bitcast(met, ir.IntType(WIDTH)), ir.IntType(64))
+
+    return signature, generate
+
+
+def _overlap_boxes(
+    typing: Any,
+    boxes: Any,
+    at: Any,
+    lower_x: Any,
+    lower_y: Any,
+    lower_z: Any,
+    upper_x: Any,
+    upper_y: Any,
+    upper_z: Any,
+) -> Any:
+    """Test a small box against the boxes of a block that begin at ``boxes[at]``.
+
+    Returns
+    -------
+    uint64
+        Bit k is set where box k overlaps it.
+    """
+    from numba.core import types
+
+    real, whole = types.float32, types.uint64
+    signature = whole(boxes, whole, *[real] * 6)
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        overlap = None
+        for k in range(6):
+            offset = builder.add(args[1], ir.Constant(ir.IntType(64), WIDTH * k))
+            planes = _load(builder, builder.gep(data, [offset], inbounds=True), _BOXES)
+            # Lower sides against the upper ones of the small box, and upper against lower.
+            other = _splat(builder, args[2 + (k + 3) % 6], _BOXES)
+            inside = builder.fcmp_ordered("<=" if k < 3 else ">=", planes, other)
+            overlap = inside if overlap is None else builder.and_(overlap, inside)
+        return builder.zext(builder.bitcast(overlap, ir.IntType(WIDTH)), ir.IntType(64))
 
     return signature, generate
 
@@ -244,7 +287,7 @@ def _stay_apart(typing: Any) -> Any:
     return types.void(), generate
 
 
-LOCAL = 256
+LOCAL = 512
 """Numbers in an array on the machine's stack."""
 
 
@@ -257,6 +300,8 @@ def _local_array(typing: Any, kind: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         item = context.get_data_type(kind)
         data = cgutils.alloca_once(builder, item, size=LOCAL)
+        # What is written as a vector and read as numbers must not lie across cache lines.
+        data.align = 64
         made = context.make_array(array)(context, builder)
         size = context.get_constant(types.intp, LOCAL)
         width = context.get_constant(types.intp, context.get_abi_sizeof(item))
@@ -282,9 +327,18 @@ def _local_doubles(typing: Any) -> Any:
     return _local_array(typing, types.float64)
 
 
+def _local_singles(typing: Any) -> Any:
+    """Return a float32 array of `LOCAL` numbers, whose content is undefined."""
+    from numba.core import types
+
+    return _local_array(typing, types.float32)
+
+
 local_integers: Any = Intrinsic(_local_integers)
+local_singles: Any = Intrinsic(_local_singles)
 local_doubles: Any = Intrinsic(_local_doubles)
 count_trailing_zeros: Any = Intrinsic(_count_trailing_zeros)
 prepare_ray: Any = Intrinsic(_prepare_ray)
 meet_boxes: Any = Intrinsic(_meet_boxes)
+overlap_boxes: Any = Intrinsic(_overlap_boxes)
 stay_apart: Any = Intrinsic(_stay_apart)

@@ -18,9 +18,9 @@ from pcsg.simd import SINGLE, WIDTH
 
 Floats = NDArray[np.float64]
 
-BLOCK, EMPTY = 0, 7
-"""References: the number of a block comes before its kind, in three bits; what else there is has
-other kinds."""
+BLOCK, RUN, EMPTY = 0, 1, 7
+"""References: the number of a block, or of a run of items, comes before its kind, in three bits.
+Whoever gives items codes of their own has other kinds."""
 
 BINS = 24
 
@@ -28,8 +28,14 @@ FARTHEST, LEAST_SINGLE = 3e20, 1e-37
 """A box that reaches farther has no end, so that single precision does not overflow; below the
 other number it has fewer digits."""
 
-_DEEP = 40
+_DEEP = 18
 """Levels of blocks below which parts are halved, so that the depth is bounded."""
+
+STACK = 512
+"""References that wait at most while a hierarchy is visited depth first."""
+
+# Sixteen halves of halves have an eighth of the items each, at most.
+assert (WIDTH - 1) * (_DEEP + 13) + WIDTH <= STACK
 
 
 class Hierarchies(NamedTuple):
@@ -45,11 +51,62 @@ class Hierarchies(NamedTuple):
     refs: NDArray[np.int32]
 
 
+class Hierarchy(NamedTuple):
+    """One hierarchy over N items, which are parted into runs.
+
+    Attributes
+    ----------
+    boxes, refs
+        As in `Hierarchies`; the first block is the root, and what is no block is a run.
+    order : int32 (N,)
+        Items, one run after the other.
+    begins : int32 (R + 1,)
+        Run k is ``order[begins[k]:begins[k + 1]]``.
+    """
+
+    boxes: NDArray[np.float32]
+    refs: NDArray[np.int32]
+    order: NDArray[np.int32]
+    begins: NDArray[np.int32]
+
+
+def build_hierarchy(boxes: Floats, most: int = 1) -> Hierarchy:
+    """Build the hierarchy of boxes.
+
+    Parameters
+    ----------
+    boxes : float64 (n, 6)
+        Lower x, y, z, upper x, y, z of every item.
+    most
+        Items in a run, at most. Rays are tested against all items of a run at once, so a run costs
+        the same however many it has.
+    """
+    n = len(boxes)
+    work = make_build_work(n, runs=n, most=most)
+    # Every block has at least two parts, and what is a block of its own more items than a run.
+    blocks = 2 * n // (most + 1) + 2
+    out = Hierarchies(np.empty(6 * WIDTH * blocks, np.float32), np.empty(WIDTH * blocks, np.int32))
+    blocks = _build(np.ascontiguousarray(boxes).ravel(), out, work)
+    runs = work.runs[: 2 * work.counts[0]].reshape(-1, 2)
+    sizes = runs[:, 1] - runs[:, 0]
+    begins = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
+    order = work.order[np.arange(n) + np.repeat(runs[:, 0] - begins[:-1], sizes)]
+    return Hierarchy(
+        out.boxes[: 6 * WIDTH * blocks].copy(), out.refs[: WIDTH * blocks].copy(), order, begins
+    )
+
+
 class BuildWork(NamedTuple):
     """Working space of the builder.
 
     Attributes
     ----------
+    most : int
+        Items in a run, at most; 0 where items have codes and there are no runs.
+    counts : int64 (1,)
+        Number of runs so far.
+    runs : int32 (2 R,)
+        First item and end of every run.
     order : int32 (N,)
         Items, sorted so that every part is a run.
     stack : int64 (4 D,)
@@ -60,6 +117,9 @@ class BuildWork(NamedTuple):
         Number and box of every bin; boxes of the parts.
     """
 
+    most: int
+    counts: NDArray[np.int64]
+    runs: NDArray[np.int32]
     order: NDArray[np.int32]
     stack: NDArray[np.int64]
     parts: NDArray[np.int64]
@@ -67,15 +127,28 @@ class BuildWork(NamedTuple):
     hulls: Floats
 
 
-def make_build_work(items: int) -> BuildWork:
-    """Return working space for hierarchies of so many items at most."""
+def make_build_work(items: int, runs: int = 0, most: int = 0) -> BuildWork:
+    """Return working space for hierarchies of so many items, runs, and items of a run at most."""
     return BuildWork(
+        most=most,
+        counts=np.zeros(1, np.int64),
+        runs=np.empty(2 * max(1, runs), np.int32),
         order=np.empty(max(1, items), np.int32),
         stack=np.empty(4 * max(WIDTH * (_DEEP + 40), 1), np.int64),
         parts=np.empty(2 * WIDTH, np.int64),
         bins=np.empty(16 * BINS),
         hulls=np.empty(6 * (WIDTH + 1)),
     )
+
+
+@njit(entry=True)
+def _build(boxes: Floats, out: Hierarchies, work: BuildWork) -> int:
+    """Build one hierarchy over all boxes; return the number of blocks."""
+    blocks = 1
+    waiting, unbounded = begin_hierarchy(boxes, 0, len(work.order), 0, work)
+    while waiting > 0:
+        blocks, waiting = build_block(boxes, work.order, out, blocks, waiting, unbounded, work)
+    return blocks
 
 
 @njit
@@ -116,7 +189,7 @@ def build_block(
     Parameters
     ----------
     codes : int32 (N,)
-        What stands in `refs` for every item.
+        What stands in `refs` for every item; not read where there are runs.
     blocks
         Number of blocks before.
     waiting, unbounded
@@ -128,6 +201,9 @@ def build_block(
         Their new numbers.
     """
     order, stack, parts, hulls = work.order, work.stack, work.parts, work.hulls
+    single = max(1, work.most)
+    # What one block can hold of single items is not parted further, and then dissolved.
+    most_of_part = single if work.most > 1 else WIDTH
     top = 4 * (waiting - 1)
     begin, end, block, level = stack[top], stack[top + 1], stack[top + 2], stack[top + 3]
     waiting -= 1
@@ -135,7 +211,7 @@ def build_block(
     _find_hull(boxes, order, begin, end, hulls, 0)
     n = 1 if end > begin else 0
     while 0 < n < WIDTH:
-        k = _choose_part(parts, hulls, n)
+        k = _choose_part(parts, hulls, n, most_of_part, level > _DEEP)
         if k < 0:
             break
         a, b = parts[2 * k], parts[2 * k + 1]
@@ -144,21 +220,22 @@ def build_block(
         elif a < unbounded or level > _DEEP:
             middle = (a + b) // 2
         else:
-            middle = _split(boxes, order, a, b, work.bins)
+            middle = _split(boxes, order, a, b, single, work.bins)
         parts[2 * k + 1] = middle
         parts[2 * n], parts[2 * n + 1] = middle, b
         _find_hull(boxes, order, a, middle, hulls, 6 * k)
         _find_hull(boxes, order, middle, b, hulls, 6 * n)
         n += 1
-    n = _dissolve_parts(boxes, work, n)
+    if work.most <= 1:
+        n = _dissolve_parts(boxes, work, n)
     for k in range(WIDTH):
         at = WIDTH * block + k
         if k >= n:
             out.refs[at] = EMPTY
             for j in range(3):
                 hulls[6 * k + j], hulls[6 * k + 3 + j] = math.inf, -math.inf
-        elif parts[2 * k + 1] - parts[2 * k] == 1:
-            out.refs[at] = codes[order[parts[2 * k]]]
+        elif parts[2 * k + 1] - parts[2 * k] <= single:
+            out.refs[at] = _code_of(codes, parts[2 * k], parts[2 * k + 1], work)
         else:
             out.refs[at] = np.int32(blocks << 3 | BLOCK)
             top = 4 * waiting
@@ -171,6 +248,17 @@ def build_block(
             out.boxes[place] = _round_down(hulls[6 * k + j])
             out.boxes[place + 3 * WIDTH] = _round_up(hulls[6 * k + 3 + j])
     return blocks, waiting
+
+
+@njit
+def _code_of(codes: NDArray[np.int32], begin: int, end: int, work: BuildWork) -> np.int32:
+    """Return what stands for items that are not parted any more."""
+    if work.most == 0:
+        return codes[work.order[begin]]  # type: ignore[no-any-return]
+    n = work.counts[0]
+    work.runs[2 * n], work.runs[2 * n + 1] = begin, end
+    work.counts[0] = n + 1
+    return np.int32(n << 3 | RUN)
 
 
 @njit
@@ -198,13 +286,16 @@ def _is_bounded(boxes: Floats, at: int) -> bool:
 
 
 @njit
-def _choose_part(parts: NDArray[np.int64], hulls: Floats, n: int) -> int:
-    """Return the largest of the parts that one block cannot hold, -1 if there is none."""
+def _choose_part(
+    parts: NDArray[np.int64], hulls: Floats, n: int, most: int, by_number: bool
+) -> int:
+    """Return the largest part with more than `most` items, or the one with most; -1 if none."""
     chosen, best = -1, -1.0
     for k in range(n):
-        area = half_area(hulls, 6 * k)
-        if parts[2 * k + 1] - parts[2 * k] > WIDTH and area > best:
-            chosen, best = k, area
+        size = parts[2 * k + 1] - parts[2 * k]
+        weight = float(size) if by_number else half_area(hulls, 6 * k)
+        if size > most and weight > best:
+            chosen, best = k, weight
     return chosen
 
 
@@ -261,8 +352,13 @@ def _find_hull(
 
 
 @njit
-def _split(boxes: Floats, order: NDArray[np.int32], begin: int, end: int, bins: Floats) -> int:
-    """Sort items about the plane where the surface area heuristic is least; return the middle."""
+def _split(
+    boxes: Floats, order: NDArray[np.int32], begin: int, end: int, single: int, bins: Floats
+) -> int:
+    """Sort items about the plane where the surface area heuristic is least; return the middle.
+
+    `single` items cost as much as one.
+    """
     best = math.inf
     best_axis, best_bin = -1, 0
     best_low, best_scale = 0.0, 0.0
@@ -289,7 +385,7 @@ def _split(boxes: Floats, order: NDArray[np.int32], begin: int, end: int, bins: 
             for j in range(3):
                 bins[k + 1 + j] = min(bins[k + 1 + j], boxes[b + j])
                 bins[k + 4 + j] = max(bins[k + 4 + j], boxes[b + 3 + j])
-        cost, where = _sweep(bins, n_bins)
+        cost, where = _sweep(bins, n_bins, single)
         if cost < best:
             best, best_axis, best_bin, best_low, best_scale = cost, axis, where, low, scale
     if best_axis < 0:
@@ -311,7 +407,7 @@ def _find_bin(center: float, low: float, scale: float, n_bins: int) -> int:
 
 
 @njit
-def _sweep(bins: Floats, n_bins: int) -> tuple[float, int]:
+def _sweep(bins: Floats, n_bins: int, single: int) -> tuple[float, int]:
     """Return the least cost of a split between bins, and the first bin behind it."""
     # Costs of what lies behind each split stand behind the bins' own numbers.
     side = 8 * BINS
@@ -320,14 +416,14 @@ def _sweep(bins: Floats, n_bins: int) -> tuple[float, int]:
     total = 0.0
     for k in range(n_bins - 1, 0, -1):
         total += _join(bins, k, side)
-        bins[8 * k + 7] = total * half_area(bins, side)
+        bins[8 * k + 7] = math.ceil(total / single) * half_area(bins, side)
     for j in range(3):
         bins[side + j], bins[side + 3 + j] = math.inf, -math.inf
     total = 0.0
     best, where = math.inf, 0
     for k in range(1, n_bins):
         total += _join(bins, k - 1, side)
-        cost = total * half_area(bins, side) + bins[8 * k + 7]
+        cost = math.ceil(total / single) * half_area(bins, side) + bins[8 * k + 7]
         if cost < best and total > 0.0:
             best, where = cost, k
     return best, where

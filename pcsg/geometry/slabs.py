@@ -65,9 +65,23 @@ def meet_block(
 
     `entries` receives where it enters them; `prepared` is what `make_slabs` wrote.
     """
+    return meet_block_at(boxes, place(block) * _W6, slabs, low, high, prepared, entries)
+
+
+@njit(inline=True)
+def meet_block_at(
+    boxes: NDArray[np.float32],
+    at: np.uint64,
+    slabs: Slabs,
+    low: float,
+    high: float,
+    prepared: NDArray[np.float32],
+    entries: NDArray[np.float32],
+) -> np.uint64:
+    """Do as `meet_block` for the block that begins at ``boxes[at]``."""
     met: np.uint64 = meet_boxes(
         boxes,
-        place(block) * _W6,
+        at,
         slabs.nx,
         slabs.ny + _W,
         slabs.nz + _W2,

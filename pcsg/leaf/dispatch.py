@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import pcsg.leaf  # noqa: F401 -- registers every leaf before the ladders are built
@@ -10,11 +11,19 @@ from pcsg.jit import build_ladder, njit
 from pcsg.leaf.registry import kernels
 
 
-def _ladder(method: str, arguments: str, default: str, inline: bool = False) -> Callable[..., Any]:
+def _ladder(
+    method: str,
+    arguments: str,
+    default: str,
+    inline: bool = False,
+    known: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
+) -> Callable[..., Any]:
     cases = [plain and njit(contract=True)(plain) for plain in kernels(method)]
     name = f"leaf_{method}"
     words = arguments.split()
-    return build_ladder(name, "kind", words, cases, default, contract=True, inline=inline)
+    return build_ladder(
+        name, "kind", words, cases, default, known=known, contract=True, inline=inline
+    )
 
 
 # Within operations leaves are asked so often that the call itself would cost a fifth of the time.
@@ -23,6 +32,14 @@ leaf_crossings = _ladder("crossings", "ray want args at pool t n", "n", inline=T
 
 leaf_normal = _ladder("normal", "p args at pool", "p")
 """``(kind, p, args, at, pool) -> Vec3``: outward, of any length"""
+
+leaf_part_normal = _ladder(
+    "part_normal",
+    "p part args at pool",
+    "leaf_normal(kind, p, args, at, pool)",
+    known={"leaf_normal": leaf_normal},
+)
+"""``(kind, p, part, args, at, pool) -> Vec3``: the same, where the part may be known"""
 
 leaf_inside = _ladder("inside", "p args at pool", "False")
 """``(kind, p, args, at, pool) -> bool``"""

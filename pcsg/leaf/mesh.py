@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pcsg.arguments import array as array_of
 from pcsg.errors import UsageError
-from pcsg.leaf.bvh import build_hierarchy
-from pcsg.leaf.places import face_normal, interpolate, locate
+from pcsg.geometry.bvh import build_hierarchy
+from pcsg.geometry.packets import LANES, pack_triangles
+from pcsg.leaf.places import interpolate, locate, normal_at
 from pcsg.leaf.registry import (
     Array,
     Box,
@@ -30,12 +31,17 @@ from pcsg.leaf.registry import (
     leaf,
 )
 from pcsg.leaf.triangles import (
+    BLOCKS,
     CLOSED,
+    CORNERS,
     HAS_COLORS,
     HAS_NORMALS,
     HAS_UV,
+    NO_PART,
     ORIENTATION,
+    PACKETS,
     REFS,
+    SCALE,
     TRIANGLES,
     find_mesh,
     mesh_contains,
@@ -45,6 +51,7 @@ from pcsg.meshfile import Mesh as Polygons
 from pcsg.meshfile import read_mesh
 from pcsg.meshfile.closing import close, different_numbers
 from pcsg.meshfile.mesh import FARTHEST, make_mesh, offsets_of
+from pcsg.simd import WIDTH
 from pcsg.vec import Ray, Vec3
 
 Floats = NDArray[np.float64]
@@ -145,35 +152,42 @@ class MeshModel(Constant, Model):
         """The head, the hierarchy, corners, and what the file says of them; see `triangles`."""
         mesh = self.polygons
         points = mesh.vertices[self.triangles]
-        boxes = np.concatenate([points.min(axis=1), points.max(axis=1)], axis=1)
-        reach = float(np.abs(boxes).max())
+        lower, upper = points.min(axis=1), points.max(axis=1)
+        reach = float(max(np.abs(lower).max(), np.abs(upper).max()))
+        # Boxes are in single precision, in a frame where the mesh is about the origin and 1 long.
+        center = 0.5 * (np.array(self.bounds.lower) + np.array(self.bounds.upper))
+        size = max(b - a for a, b in zip(self.bounds.lower, self.bounds.upper, strict=True))
+        scale = 2.0 ** -float(np.clip(math.frexp(size)[1], -400, 400))
         # Rays are rounded before they meet the boxes.
-        boxes += np.repeat([-1.0, 1.0], 3) * (1e-14 * reach)
-        hierarchy = build_hierarchy(boxes)
-        del boxes
-        points = points[hierarchy.order]
-        corners = self.triangle_corners[hierarchy.order]
+        room = 1e-14 * reach
+        boxes = np.concatenate([lower - room - center, upper + room - center], axis=1) * scale
+        made = build_hierarchy(boxes, LANES)
+        del boxes, lower, upper
+        points = points[made.order]
+        corners = self.triangle_corners[made.order]
         uv = _of_corners(mesh.corner_uv, corners, [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         normals = None
         if mesh.corner_normals is not None:
             flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
             normals = _of_corners(mesh.corner_normals, corners, np.repeat(flat[:, None], 3, axis=1))
-        head = np.zeros(REFS + 1, np.int32)
-        head[TRIANGLES] = len(points)
+        head = np.zeros(REFS, np.int32)
+        packets = len(made.begins) - 1
+        head[TRIANGLES], head[PACKETS], head[BLOCKS] = len(points), packets, len(made.refs) // WIDTH
         head[CLOSED] = self.closed
         volume = np.einsum("ij,ij->", points[:, 0], np.cross(points[:, 1], points[:, 2]))
         head[ORIENTATION] = -1 if self.closed and volume < 0.0 else 1
         head[HAS_UV], head[HAS_NORMALS] = uv is not None, normals is not None
         colors = _of_corners(mesh.corner_colors, corners, np.full((1, 3, 3), -1.0))
         head[HAS_COLORS] = colors is not None
-        head[REFS] = len(hierarchy.boxes)
-        numbers = [
-            np.array([reach, *self.bounds.lower, *self.bounds.upper]),
-            hierarchy.boxes,
-            points.ravel(),
-        ]
+        about = np.zeros(CORNERS)
+        about[: SCALE + 1] = reach, *self.bounds.lower, *self.bounds.upper, *center, scale
+        numbers = [about, pack_triangles(points, made.begins)]
         numbers += [a.ravel() for a in (uv, normals, colors) if a is not None]
-        return Data(np.concatenate(numbers), integers=np.concatenate([head, hierarchy.refs]))
+        return Data(
+            np.concatenate(numbers),
+            made.boxes,
+            np.concatenate([head, made.refs, made.begins[:-1]]),
+        )
 
 
 class _Cells:
@@ -306,17 +320,12 @@ class Mesh(Solid):
     @staticmethod
     def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
         mesh = find_mesh(args, at, pool)
-        place = locate(pool, mesh, p)
-        numbers, head = pool[0], mesh.head
-        if pool[2][head + HAS_NORMALS] == 1:
-            x = interpolate(numbers, mesh.normals, 3, 0, place)
-            y = interpolate(numbers, mesh.normals, 3, 1, place)
-            z = interpolate(numbers, mesh.normals, 3, 2, place)
-            if max(abs(x), abs(y), abs(z)) > 0.0:
-                return Vec3(x, y, z)
-        n = face_normal(numbers, mesh.corners + 9 * place.triangle)
-        turn = float(pool[2][head + ORIENTATION])
-        return Vec3(turn * n.x, turn * n.y, turn * n.z)
+        return normal_at(pool, mesh, locate(pool, mesh, p, NO_PART))
+
+    @staticmethod
+    def part_normal(p: Vec3, part: float, args: Array, at: int, pool: Pool) -> Vec3:
+        mesh = find_mesh(args, at, pool)
+        return normal_at(pool, mesh, locate(pool, mesh, p, part))
 
     @staticmethod
     def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
@@ -325,7 +334,7 @@ class Mesh(Solid):
     @staticmethod
     def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
         mesh = find_mesh(args, at, pool)
-        place = locate(pool, mesh, p)
+        place = locate(pool, mesh, p, NO_PART)
         if pool[2][mesh.head + HAS_UV] == 0:
             return place.b, place.c
         u = interpolate(pool[0], mesh.uvs, 2, 0, place)
@@ -336,7 +345,7 @@ class Mesh(Solid):
         mesh = find_mesh(args, at, pool)
         if pool[2][mesh.head + HAS_COLORS] == 0:
             return -1.0, -1.0, -1.0, -1.0
-        place = locate(pool, mesh, p)
+        place = locate(pool, mesh, p, NO_PART)
         red = interpolate(pool[0], mesh.colors, 3, 0, place)
         green = interpolate(pool[0], mesh.colors, 3, 1, place)
         blue = interpolate(pool[0], mesh.colors, 3, 2, place)

@@ -5,19 +5,44 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from pcsg.geometry.bvh import BLOCK
+from pcsg.geometry.packets import LANES, PACKET, approach_packet
+from pcsg.indices import place, wide
 from pcsg.jit import njit
-from pcsg.leaf.bvh import BLOCK_SIZE
 from pcsg.leaf.registry import Array, Pool
-from pcsg.leaf.triangles import REACH, Mesh
-from pcsg.simd import local_doubles, local_integers
-from pcsg.slabs import WIDTH
+from pcsg.leaf.triangles import (
+    CENTER,
+    HAS_NORMALS,
+    ORIENTATION,
+    PACKETS,
+    REACH,
+    SCALE,
+    Mesh,
+)
+from pcsg.simd import WIDTH, count_trailing_zeros, local_integers, overlap_boxes
 from pcsg.vec import Vec3
+
+_NONE, _ONE = np.uint64(0), np.uint64(1)
+_WIDTH, _BLOCK, _PACKET = np.uint64(WIDTH), np.uint64(6 * WIDTH), np.uint64(PACKET)
 
 
 class Place(NamedTuple):
-    """A point of a mesh: the triangle, and the weights of its corners."""
+    """A point of a mesh.
+
+    Attributes
+    ----------
+    triangle
+        Its number.
+    at
+        Where its first number is in its packet.
+    a, b, c
+        Weights of its corners.
+    """
 
     triangle: int
+    at: int
     a: float
     b: float
     c: float
@@ -29,14 +54,32 @@ def _dot3(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> f
 
 
 @njit
+def _sides(
+    numbers: Array, at: int
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Return a triangle's first corner, and its sides from there to the others."""
+    ax, ay, az = numbers[at], numbers[at + LANES], numbers[at + 2 * LANES]
+    b, c = at + 3 * LANES, at + 6 * LANES
+    return (
+        ax,
+        ay,
+        az,
+        numbers[b] - ax,
+        numbers[b + LANES] - ay,
+        numbers[b + 2 * LANES] - az,
+        numbers[c] - ax,
+        numbers[c + LANES] - ay,
+        numbers[c + 2 * LANES] - az,
+    )
+
+
+@njit
 def _closest(numbers: Array, at: int, p: Vec3) -> tuple[float, float, float, float]:
     """Return the weights of the point of a triangle nearest to p, and its squared distance.
 
     Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
-    ax, ay, az = numbers[at], numbers[at + 1], numbers[at + 2]
-    ux, uy, uz = numbers[at + 3] - ax, numbers[at + 4] - ay, numbers[at + 5] - az
-    vx, vy, vz = numbers[at + 6] - ax, numbers[at + 7] - ay, numbers[at + 8] - az
+    ax, ay, az, ux, uy, uz, vx, vy, vz = _sides(numbers, at)
     px, py, pz = p.x - ax, p.y - ay, p.z - az
     d1, d2 = _dot3(ux, uy, uz, px, py, pz), _dot3(vx, vy, vz, px, py, pz)
     uu, uv, vv = (
@@ -68,70 +111,89 @@ def _closest(numbers: Array, at: int, p: Vec3) -> tuple[float, float, float, flo
 
 
 @njit
-def locate(pool: Pool, mesh: Mesh, p: Vec3) -> Place:
-    """Return the place of a mesh that is nearest to a point."""
+def locate(pool: Pool, mesh: Mesh, p: Vec3, part: float) -> Place:
+    """Return the place of a mesh that is nearest to a point.
+
+    Parameters
+    ----------
+    part
+        Where to look first: ``LANES packet + lane``, or any other number.
+    """
+    numbers, integers = pool[0], pool[2]
     # Points of the surface are very near to it, which leaves few boxes to look into.
-    size = pool[0][mesh.numbers + REACH] + abs(p.x) + abs(p.y) + abs(p.z)
-    near = 1e-9 * size
-    found, there = _locate_within(pool, mesh, p, near * near)
-    if not there:
-        found, _ = _locate_within(pool, mesh, p, math.inf)
+    near = 1e-9 * (numbers[mesh.numbers + REACH] + abs(p.x) + abs(p.y) + abs(p.z))
+    if 0.0 <= part < LANES * wide(integers[mesh.head + PACKETS]):
+        packet, lane = int(part) // LANES, int(part) % LANES
+        at = mesh.corners + PACKET * packet + lane
+        a, b, c, d = _closest(numbers, at, p)
+        if d <= near * near:
+            return Place(integers[mesh.begins + packet] + lane, at, a, b, c)
+    found, there = _locate_within(pool, mesh, p, near)
+    while not there and near < math.inf:
+        near *= 64.0
+        found, there = _locate_within(pool, mesh, p, near)
     return found
 
 
 @njit
-def _locate_within(pool: Pool, mesh: Mesh, p: Vec3, best: float) -> tuple[Place, bool]:
-    """Return the nearest place of a squared distance below `best`, and whether there is one."""
-    numbers, integers = pool[0], pool[2]
+def _locate_within(pool: Pool, mesh: Mesh, p: Vec3, near: float) -> tuple[Place, bool]:
+    """Return the nearest place that is no farther than this, and whether there is one."""
+    numbers, singles, integers = pool
     waiting = local_integers()
-    distance = local_doubles()
+    at, scale = mesh.numbers, numbers[mesh.numbers + SCALE]
+    x, y, z = (
+        (p.x - numbers[at + CENTER]) * scale,
+        (p.y - numbers[at + CENTER + 1]) * scale,
+        (p.z - numbers[at + CENTER + 2]) * scale,
+    )
+    room = near * scale
+    lx, ly, lz = np.float32(x - room), np.float32(y - room), np.float32(z - room)
+    ux, uy, uz = np.float32(x + room), np.float32(y + room), np.float32(z + room)
+    boxes, refs = place(mesh.boxes), place(mesh.refs)
     there = False
-    found = Place(0, 1.0, 0.0, 0.0)
-    waiting[0] = 0
-    distance[0] = 0.0
-    top = 1
-    while top > 0:
-        top -= 1
-        if distance[top] >= best:
-            continue
+    best = near * near
+    found = Place(0, mesh.corners, 1.0, 0.0, 0.0)
+    waiting[0] = BLOCK
+    top = _ONE
+    while top > _NONE:
+        top -= _ONE
         ref = waiting[top]
-        if ref < 0:
-            run = -1 - ref
-            for k in range(run >> 3, (run >> 3) + (run & 7)):
-                a, b, c, d = _closest(numbers, mesh.corners + 9 * k, p)
-                if d < best:
-                    best = d
-                    there = True
-                    found = Place(k, a, b, c)
+        if ref & 7 == BLOCK:
+            block = place(ref >> 3)
+            base = refs + _WIDTH * block
+            met = overlap_boxes(singles, boxes + _BLOCK * block, lx, ly, lz, ux, uy, uz)
+            while met != _NONE:
+                waiting[top] = wide(integers[base + count_trailing_zeros(met)])
+                met &= met - _ONE
+                top += _ONE
             continue
-        begin = top
-        for k in range(WIDTH):
-            box = mesh.boxes + BLOCK_SIZE * ref + k
-            d = 0.0
-            for axis in range(3):
-                below = numbers[box + WIDTH * axis] - p[axis]
-                above = p[axis] - numbers[box + WIDTH * (3 + axis)]
-                beside = max(below, above, 0.0)
-                d += beside * beside
-            if not d < best:
-                continue
-            place = top
-            while place > begin and distance[place - 1] < d:
-                distance[place], waiting[place] = distance[place - 1], waiting[place - 1]
-                place -= 1
-            distance[place] = d
-            waiting[place] = integers[mesh.refs + WIDTH * ref + k]
-            top += 1
+        packet = ref >> 3
+        corners = mesh.corners + PACKET * packet
+        may = approach_packet(numbers, place(corners), p.x, p.y, p.z, near)
+        while may != _NONE:
+            k = wide(count_trailing_zeros(may))
+            may &= may - _ONE
+            a, b, c, d = _closest(numbers, corners + k, p)
+            if d <= best:
+                best = d
+                there = True
+                found = Place(integers[mesh.begins + packet] + k, corners + k, a, b, c)
     return found, there
 
 
 @njit
-def face_normal(numbers: Array, at: int) -> Vec3:
-    """Return the normal of a triangle by the order of its corners, twice its area long."""
-    ax, ay, az = numbers[at], numbers[at + 1], numbers[at + 2]
-    ux, uy, uz = numbers[at + 3] - ax, numbers[at + 4] - ay, numbers[at + 5] - az
-    vx, vy, vz = numbers[at + 6] - ax, numbers[at + 7] - ay, numbers[at + 8] - az
-    return Vec3(uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx)
+def normal_at(pool: Pool, mesh: Mesh, place: Place) -> Vec3:
+    """Return the outward normal at a place: the file's, or that of the triangle."""
+    numbers, integers = pool[0], pool[2]
+    if integers[mesh.head + HAS_NORMALS] == 1:
+        x = interpolate(numbers, mesh.normals, 3, 0, place)
+        y = interpolate(numbers, mesh.normals, 3, 1, place)
+        z = interpolate(numbers, mesh.normals, 3, 2, place)
+        if max(abs(x), abs(y), abs(z)) > 0.0:
+            return Vec3(x, y, z)
+    _, _, _, ux, uy, uz, vx, vy, vz = _sides(numbers, place.at)
+    turn = float(integers[mesh.head + ORIENTATION])
+    return Vec3(turn * (uy * vz - uz * vy), turn * (uz * vx - ux * vz), turn * (ux * vy - uy * vx))
 
 
 @njit

@@ -343,12 +343,24 @@ class Solid:
         an interval that begins before tmin the beginning need only lie before tmin; of one that
         begins in [tmin, tmax] the end need only lie behind tmin, and so need an end behind tmax.
         `OVERFLOW` where the array is too short.
+
+        A leaf with many parts may leave a number behind its answer: the part that the first
+        crossing belongs to, for `part_normal`.
         """
         raise NotImplementedError
 
     @staticmethod
     def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
         """Return the outward normal at a point of the surface; any length but zero."""
+        raise NotImplementedError
+
+    @staticmethod
+    def part_normal(p: Vec3, part: float, args: Array, at: int, pool: Pool) -> Vec3:
+        """Return the normal at a point of the surface, which may belong to a part.
+
+        `part` is what `crossings` may have left, or any other number. Only a leaf that need not
+        look for the part then defines this.
+        """
         raise NotImplementedError
 
     @staticmethod

@@ -14,28 +14,39 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pcsg.indices import wide
+from pcsg.geometry.bvh import BLOCK
+from pcsg.geometry.packets import LANES, PACKET, cross_packet
+from pcsg.geometry.slabs import make_slabs, meet_block_at
+from pcsg.indices import place, wide
 from pcsg.jit import njit
-from pcsg.leaf.bvh import BLOCK_SIZE
 from pcsg.leaf.registry import ALL, ANY, OVERFLOW, Array, Pool
-from pcsg.simd import count_trailing_zeros, local_doubles, local_integers
-from pcsg.slabs import WIDTH, make_slabs, meet_block_at
+from pcsg.simd import (
+    WIDTH,
+    count_trailing_zeros,
+    local_doubles,
+    local_integers,
+    local_singles,
+    stay_apart,
+)
 from pcsg.vec import Ray, Vec3
 
 # The head of a mesh in the pool: integers, then numbers.
-TRIANGLES, CLOSED, ORIENTATION, HAS_UV, HAS_NORMALS, HAS_COLORS, REFS = range(7)
-REACH, BOX, BOXES = 0, 1, 7
+TRIANGLES, PACKETS, BLOCKS, CLOSED, ORIENTATION, HAS_UV, HAS_NORMALS, HAS_COLORS, REFS = range(9)
+REACH, BOX, CENTER, SCALE, CORNERS = 0, 1, 7, 10, 16
 
 COUNT = 3
 """Beside ALL, FIRST and ANY: only the directions of the crossings are wanted."""
 
+NO_PART = -1.0
+"""The part of a crossing that is not known."""
+
 _ROUNDING = 4e-15
 """Crossings that are nearer than this, relative to the mesh as the ray sees it, are one place."""
 
-_ONE = np.uint64(1)
-_NONE = np.uint64(0)
+_NONE, _ONE, _TWO, _THREE = (np.uint64(k) for k in (0, 1, 2, 3))
+_LANES, _TWO_LANES, _BITS = np.uint64(LANES), np.uint64(2 * LANES), np.uint64((1 << LANES) - 1)
+_WIDTH, _BLOCK, _PACKET = np.uint64(WIDTH), np.uint64(6 * WIDTH), np.uint64(PACKET)
 _SPLIT = 134217729.0
 
 
@@ -44,16 +55,19 @@ class Mesh(NamedTuple):
 
     Attributes
     ----------
-    head, refs
-        Integers: its head, and its references.
-    numbers, boxes, corners, uvs, normals, colors
-        Numbers: its head, boxes, and 9, 6, 9 and 9 numbers of every triangle.
+    head, refs, begins
+        Integers: its head, references, and the first triangle of every packet.
+    boxes
+        Numbers in single precision: its boxes, in a frame of their own, see `_enter_frame`.
+    numbers, corners, uvs, normals, colors
+        Numbers: its head, packets, and 6, 9 and 9 numbers of every triangle.
     """
 
     head: int
     refs: int
-    numbers: int
+    begins: int
     boxes: int
+    numbers: int
     corners: int
     uvs: int
     normals: int
@@ -64,15 +78,23 @@ class Mesh(NamedTuple):
 def find_mesh(args: Array, at: int, pool: Pool) -> Mesh:
     """Return the places of a mesh by its kernel arguments."""
     integers = pool[2]
-    head = int(args[at + 2])
-    numbers = int(args[at])
-    count = integers[head + TRIANGLES]
-    boxes = numbers + BOXES
-    corners = boxes + integers[head + REFS]
-    uvs = corners + 9 * count
-    normals = uvs + 6 * count * integers[head + HAS_UV]
-    colors = normals + 9 * count * integers[head + HAS_NORMALS]
-    return Mesh(head, head + REFS + 1, numbers, boxes, corners, uvs, normals, colors)
+    head, numbers = int(args[place(at + 2)]), int(args[place(at)])
+    count = wide(integers[place(head + TRIANGLES)])
+    refs = head + REFS
+    corners = numbers + CORNERS
+    uvs = corners + PACKET * wide(integers[place(head + PACKETS)])
+    normals = uvs + 6 * count * wide(integers[place(head + HAS_UV)])
+    return Mesh(
+        head,
+        refs,
+        refs + WIDTH * wide(integers[place(head + BLOCKS)]),
+        int(args[place(at + 1)]),
+        numbers,
+        corners,
+        uvs,
+        normals,
+        normals + 9 * count * wide(integers[place(head + HAS_NORMALS)]),
+    )
 
 
 class Shear(NamedTuple):
@@ -81,16 +103,16 @@ class Shear(NamedTuple):
     Attributes
     ----------
     x, y, z
-        Axes: z is the one along which the ray runs fastest.
+        Axes, times `LANES`: z is the one along which the ray runs fastest.
     ox, oy, oz
         The ray's origin along them.
     sx, sy, sz
         Shear along x and y, and scale along z.
     """
 
-    x: int
-    y: int
-    z: int
+    x: np.uint64
+    y: np.uint64
+    z: np.uint64
     ox: float
     oy: float
     oz: float
@@ -100,16 +122,18 @@ class Shear(NamedTuple):
 
 
 @njit
-def _make_shear(ray: Ray) -> Shear:
+def make_shear(ray: Ray) -> Shear:
+    """Return the map of a ray."""
     ax, ay, az = abs(ray.dx), abs(ray.dy), abs(ray.dz)
-    z = 2
+    ox, oy, oz, dx, dy, dz = ray.ox, ray.oy, ray.oz, ray.dx, ray.dy, ray.dz
+    x, y, z = _NONE, _LANES, _TWO_LANES
     if ax >= ay and ax >= az:
-        z = 0
+        x, y, z = _LANES, _TWO_LANES, _NONE
+        ox, oy, oz, dx, dy, dz = oy, oz, ox, dy, dz, dx
     elif ay >= az:
-        z = 1
-    x, y = (z + 1) % 3, (z + 2) % 3
-    d = ray[3 + z]
-    return Shear(x, y, z, ray[x], ray[y], ray[z], ray[3 + x] / d, ray[3 + y] / d, 1.0 / d)
+        x, y, z = _TWO_LANES, _NONE, _LANES
+        ox, oy, oz, dx, dy, dz = oz, ox, oy, dz, dx, dy
+    return Shear(x, y, z, ox, oy, oz, dx / dz, dy / dz, 1.0 / dz)
 
 
 @njit
@@ -152,29 +176,30 @@ def _weight(edge: float) -> float:
 
 
 @njit
-def _cross_triangle(numbers: NDArray[np.float64], at: int, shear: Shear) -> tuple[float, float]:
+def cross_triangle(numbers: Array, at: np.uint64, shear: Shear) -> tuple[float, float]:
     """Return where a ray crosses a triangle, and 1 if inwards, -1 if outwards, 0 if it does not.
 
     Parameters
     ----------
     numbers, at
-        The corners begin at ``numbers[at]``.
+        Its first number in its packet is ``numbers[at]``.
     """
     ox, oy, oz = shear.ox, shear.oy, shear.oz
+    b_at, c_at = at + _THREE * _LANES, at + _THREE * _TWO_LANES
     az, bz, cz = (
         numbers[at + shear.z] - oz,
-        numbers[at + 3 + shear.z] - oz,
-        numbers[at + 6 + shear.z] - oz,
+        numbers[b_at + shear.z] - oz,
+        numbers[c_at + shear.z] - oz,
     )
     ax, ay = numbers[at + shear.x] - ox - shear.sx * az, numbers[at + shear.y] - oy - shear.sy * az
     bx, by = (
-        numbers[at + 3 + shear.x] - ox - shear.sx * bz,
-        numbers[at + 3 + shear.y] - oy - shear.sy * bz,
+        numbers[b_at + shear.x] - ox - shear.sx * bz,
+        numbers[b_at + shear.y] - oy - shear.sy * bz,
     )
     u = _edge(ax, ay, bx, by)
     cx, cy = (
-        numbers[at + 6 + shear.x] - ox - shear.sx * cz,
-        numbers[at + 6 + shear.y] - oy - shear.sy * cz,
+        numbers[c_at + shear.x] - ox - shear.sx * cz,
+        numbers[c_at + shear.y] - oy - shear.sy * cz,
     )
     v = _edge(bx, by, cx, cy)
     if (u > 0.0) != (v > 0.0):
@@ -190,7 +215,76 @@ def _cross_triangle(numbers: NDArray[np.float64], at: int, shear: Shear) -> tupl
     return t, -math.copysign(1.0, u * shear.sz)
 
 
+@njit(inline=True)
+def _cross_packet(numbers: Array, at: np.uint64, shear: Shear, out: Array) -> np.uint64:
+    """Test a ray against a packet, also exactly where rounding could decide.
+
+    Returns
+    -------
+    uint64
+        Bit k is set where triangle k is crossed, bit 2 LANES + k where inwards; `out` receives
+        where.
+    """
+    found: np.uint64 = cross_packet(
+        numbers,
+        at,
+        shear.x,
+        shear.y,
+        shear.z,
+        shear.ox,
+        shear.oy,
+        shear.oz,
+        shear.sx,
+        shear.sy,
+        shear.sz,
+        out,
+    )
+    if shear.sz < 0.0:
+        found ^= _BITS << _TWO_LANES
+    if (found >> _LANES) & _BITS != _NONE:
+        found = _decide_exactly(numbers, at, shear, found, out)
+    return found
+
+
 @njit
+def _decide_exactly(
+    numbers: Array, at: np.uint64, shear: Shear, found: np.uint64, out: Array
+) -> np.uint64:
+    """Find out which of the doubtful triangles of a packet a ray crosses."""
+    stay_apart()
+    doubtful = (found >> _LANES) & _BITS
+    while doubtful != _NONE:
+        k = count_trailing_zeros(doubtful)
+        doubtful &= doubtful - _ONE
+        t, way = cross_triangle(numbers, at + k, shear)
+        found &= ~(_ONE << k | _ONE << (_TWO_LANES + k))
+        if way != 0.0:
+            out[k] = t
+            found |= _ONE << k
+            if way > 0.0:
+                found |= _ONE << (_TWO_LANES + k)
+    return found
+
+
+@njit(inline=True)
+def _enter_frame(numbers: Array, at: int, ray: Ray) -> tuple[Ray, float]:
+    """Return a ray in the frame of the boxes, and where to count its parameter from.
+
+    There the mesh is about the origin and about 1 long, so that single precision is enough.
+    """
+    center, scale = place(at + CENTER), numbers[place(at + SCALE)]
+    x, y, z = numbers[center], numbers[center + _ONE], numbers[center + _TWO]
+    ox, oy, oz = (ray.ox - x) * scale, (ray.oy - y) * scale, (ray.oz - z) * scale
+    dx, dy, dz = ray.dx * scale, ray.dy * scale, ray.dz * scale
+    about = 0.0
+    if max(abs(ox), abs(oy), abs(oz)) > 4.0:
+        about = -(ox * dx + oy * dy + oz * dz) / (dx * dx + dy * dy + dz * dz)
+        if not abs(about) < math.inf:
+            about = 0.0
+    return Ray(ox, oy, oz, dx, dy, dz, ray.tmin, ray.tmax), about
+
+
+@njit(inline=True)
 def cross_triangles(
     pool: Pool,
     mesh: Mesh,
@@ -201,7 +295,7 @@ def cross_triangles(
     t: Array,
     n: int,
     apart: float,
-) -> tuple[int, float, int, bool]:
+) -> tuple[int, float, int, bool, int]:
     """Visit the triangles that a ray crosses in [low, high].
 
     Parameters
@@ -215,69 +309,93 @@ def cross_triangles(
 
     Returns
     -------
-    count, nearest, winding, alone
+    count, nearest, winding, alone, part
         Number of crossings visited, `OVERFLOW` if they do not fit; the t of the one that was
-        found; the sum of the directions, which is what winds about ``ray(low)``; and whether no
-        other one is in the place of the one that was found.
+        found; the sum of the directions, which is what winds about ``ray(low)``; whether no
+        other one is in the place of the one that was found; and its triangle, as
+        ``LANES packet + lane``.
     """
-    numbers, integers = pool[0], pool[2]
-    waiting = local_integers()
-    entry = local_doubles()
-    shear = _make_shear(ray)
-    slabs = make_slabs(ray)
+    numbers, singles, integers = pool
+    waiting, entry = local_integers(), local_singles()
+    entries, prepared = local_singles(), local_singles()
+    crossed = local_doubles()
+    shear = make_shear(ray)
+    inner, about = _enter_frame(numbers, mesh.numbers, ray)
+    slabs = make_slabs(inner, about, prepared)
+    boxes, refs, corners = place(mesh.boxes), place(mesh.refs), place(mesh.corners)
     count = 0
     winding = 0
+    part = -1
     alone = True
     nearest = math.inf
     far = high
-    waiting[0] = 0
-    entry[0] = low
-    entries = local_doubles()
-    top = 1
-    while top > 0:
-        top -= 1
-        if entry[top] > far:
-            continue
-        ref = waiting[top]
-        if ref < 0:
-            run = -1 - ref
-            for k in range(run >> 3, (run >> 3) + (run & 7)):
-                s, way = _cross_triangle(numbers, mesh.corners + 9 * k, shear)
-                if way == 0.0 or not low <= s <= far:
+    limit = np.float32((far - about) * slabs.speed)
+    top = _NONE
+    ref = BLOCK
+    while True:
+        if ref & 7 == BLOCK:
+            block = place(ref >> 3)
+            met = meet_block_at(singles, boxes + _BLOCK * block, slabs, low, far, prepared, entries)
+            if met != _NONE:
+                base = refs + _WIDTH * block
+                k = count_trailing_zeros(met)
+                met &= met - _ONE
+                near = entries[k]
+                ref = wide(integers[base + k])
+                begin = top
+                while met != _NONE:
+                    k = count_trailing_zeros(met)
+                    met &= met - _ONE
+                    e = entries[k]
+                    r = wide(integers[base + k])
+                    if e < near:
+                        e, near = near, e
+                        r, ref = ref, r
+                    # The nearest comes last, so that it is visited first.
+                    p = top
+                    while p > begin and entry[p - _ONE] < e:
+                        entry[p], waiting[p] = entry[p - _ONE], waiting[p - _ONE]
+                        p -= _ONE
+                    entry[p] = e
+                    waiting[p] = r
+                    top += _ONE
+                continue
+        else:
+            packet = place(ref >> 3)
+            found = _cross_packet(numbers, corners + _PACKET * packet, shear, crossed)
+            hits = found & _BITS
+            while hits != _NONE:
+                k = count_trailing_zeros(hits)
+                hits &= hits - _ONE
+                s = crossed[k]
+                if not low <= s <= far:
                     continue
-                winding += int(way)
+                way = 1 if (found >> (_TWO_LANES + k)) & _ONE == _ONE else -1
+                winding += way
                 if want == ALL:
                     if n + 2 * count + 4 > len(t):
-                        return OVERFLOW, nearest, winding, True
+                        return OVERFLOW, nearest, winding, True, part
                     t[n + 2 * count] = s
-                    t[n + 2 * count + 1] = way
+                    t[n + 2 * count + 1] = float(way)
                 elif want != COUNT:
                     alone = s < nearest - apart
-                    nearest = min(s, nearest)
+                    if s < nearest:
+                        nearest = s
+                        part = LANES * wide(packet) + wide(k)
                     far = nearest + apart
                     if want == ANY and (apart == 0.0 or not alone):
-                        return 1, nearest, winding, alone
+                        return 1, nearest, winding, alone, part
                     if want == ANY:
                         low = nearest - apart
+                    limit = np.float32((far - about) * slabs.speed)
                 count += 1
-            continue
-        block = np.uint64(mesh.boxes + BLOCK_SIZE * ref)
-        met = meet_block_at(numbers, block, slabs, low, far, entries)
-        base = mesh.refs + WIDTH * ref
-        begin = top
-        while met != _NONE:
-            k = wide(count_trailing_zeros(met))
-            met &= met - _ONE
-            # The nearest comes last, so that it is visited first.
-            p = top
-            if want != ALL:
-                while p > begin and entry[p - 1] < entries[k]:
-                    entry[p], waiting[p] = entry[p - 1], waiting[p - 1]
-                    p -= 1
-            entry[p] = entries[k]
-            waiting[p] = integers[base + k]
-            top += 1
-    return count, nearest, winding, alone
+        while top > _NONE:
+            top -= _ONE
+            if entry[top] <= limit:
+                break
+        else:
+            return count, nearest, winding, alone, part
+        ref = waiting[top]
 
 
 @njit
@@ -294,39 +412,60 @@ def _sort_pairs(t: Array, n: int, count: int) -> None:
 
 @njit
 def mesh_crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
-    """Write the intervals of a mesh; see `registry.Solid.crossings`."""
+    """Write the intervals of a mesh; see `registry.Solid.crossings`.
+
+    For COUNT nothing is written, and what winds about the ray's beginning is returned.
+    """
     mesh = find_mesh(args, at, pool)
     numbers, integers = pool[0], pool[2]
-    closed = integers[mesh.head + CLOSED] == 1
+    closed = integers[place(mesh.head + CLOSED)] == 1
     fastest = max(abs(ray.dx), abs(ray.dy), abs(ray.dz))
-    size = numbers[mesh.numbers + REACH] + abs(ray.ox) + abs(ray.oy) + abs(ray.oz)
+    size = numbers[place(mesh.numbers + REACH)] + abs(ray.ox) + abs(ray.oy) + abs(ray.oz)
     apart = _ROUNDING * size / fastest
-    if want != ALL and (not closed or _starts_outside(numbers, mesh.numbers, ray)):
-        # Outside of its box a ray is outside of the solid, so that the first crossing leads in;
-        # unless it leads out again in the same place, as at a silhouette.
-        near = apart if closed else 0.0
-        tmin, tmax = ray.tmin, ray.tmax
-        count, nearest, _, alone = cross_triangles(pool, mesh, ray, want, tmin, tmax, t, n, near)
+    outside = _starts_outside(numbers, mesh.numbers, ray)
+    if want == COUNT and (outside or not closed):
+        return 0
+    # Outside of its box a ray is outside of the solid, so that the first crossing leads in;
+    # unless it leads out again in the same place, as at a silhouette.
+    near = apart if closed else 0.0
+    low, high = ray.tmin, ray.tmax
+    if want == ALL or (want != COUNT and closed and not outside):
+        want, low, high = ALL, -math.inf, math.inf
+    while True:
+        count, nearest, winding, alone, part = cross_triangles(
+            pool, mesh, ray, want, low, high, t, n, near
+        )
+        if want == COUNT:
+            return winding
+        if want == ALL:
+            break
         if count == 0:
             return n
         if alone or not closed:
             t[n], t[n + 1] = nearest, math.inf if closed else nearest
+            if n + 2 < len(t):
+                t[n + 2] = part
             return n + 2
-    count, _, _, _ = cross_triangles(pool, mesh, ray, ALL, -math.inf, math.inf, t, n, 0.0)
+        want, low, high = ALL, -math.inf, math.inf
     if count < 0:
         return OVERFLOW
     _sort_pairs(t, n, count)
-    return _pair_up(t, n, count, apart) if closed else _keep_apart(t, n, count, apart)
+    n = _pair_up(t, n, count, apart) if closed else _keep_apart(t, n, count, apart)
+    if n < len(t):
+        t[n] = NO_PART
+    return n
 
 
 @njit
 def _starts_outside(numbers: Array, at: int, ray: Ray) -> bool:
     """Return whether a ray begins outside of a mesh's box."""
-    for axis in range(3):
-        p = ray[axis] + ray.tmin * ray[3 + axis]
-        if not numbers[at + BOX + axis] <= p <= numbers[at + BOX + 3 + axis]:
-            return True
-    return False
+    box = place(at + BOX)
+    x, y, z = ray.ox + ray.tmin * ray.dx, ray.oy + ray.tmin * ray.dy, ray.oz + ray.tmin * ray.dz
+    return not (
+        numbers[box] <= x <= numbers[box + _THREE]
+        and numbers[box + _ONE] <= y <= numbers[box + _ONE + _THREE]
+        and numbers[box + _TWO] <= z <= numbers[box + _TWO + _THREE]
+    )
 
 
 @njit
@@ -364,14 +503,6 @@ def _keep_apart(t: Array, n: int, count: int, apart: float) -> int:
 @njit
 def mesh_contains(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
     """Return whether a mesh winds about a point."""
-    mesh = find_mesh(args, at, pool)
-    if pool[2][mesh.head + CLOSED] == 0:
-        return False
     # Any direction does.
     ray = Ray(p.x, p.y, p.z, 0.36, 0.48, 0.8, 0.0, math.inf)
-    numbers = pool[0]
-    if _starts_outside(numbers, mesh.numbers, ray):
-        return False
-    nowhere = local_doubles()
-    _, _, winding, _ = cross_triangles(pool, mesh, ray, COUNT, 0.0, math.inf, nowhere, 0, 0.0)
-    return winding != 0
+    return mesh_crossings(ray, COUNT, args, at, pool, local_doubles(), 0) != 0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.indices import wide
 from pcsg.jit import njit
-from pcsg.leaf.dispatch import leaf_normal
+from pcsg.leaf.dispatch import leaf_part_normal
 from pcsg.leaf.registry import Pool
 from pcsg.trace.coverage import Footprint, stored_normal
 from pcsg.trace.ends import CUT
@@ -23,6 +23,7 @@ from pcsg.trace.traversal import (
     HIT_PATH,
     INSIDE,
     MISS,
+    PART,
     PRECISION,
     SLOT,
     Scratch,
@@ -90,7 +91,8 @@ def _describe(
     leaf = 0 if drawn >= 0 else wide(trees.targets[before])
     t = scratch.small[T]
     p = Vec3(ray.ox + t * ray.dx, ray.oy + t * ray.dy, ray.oz + t * ray.dz)
-    n = leaf_normal(trees.leaves[4 * leaf], p, trees.args, trees.leaves[4 * leaf + 1], pool)
+    kind, at = trees.leaves[4 * leaf], trees.leaves[4 * leaf + 1]
+    n = leaf_part_normal(kind, p, scratch.small[PART], trees.args, at, pool)
     if cut is not None and drawn >= 0:
         n = stored_normal(cut.cover, drawn)
         # Of two sides a ray sees the one that it comes from.

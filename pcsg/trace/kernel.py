@@ -43,6 +43,7 @@ from pcsg.trace.traversal import (
     INSIDE,
     MISS,
     NONE,
+    PART,
     PATH,
     PRECISION,
     STACK,
@@ -167,6 +168,7 @@ def find_first(
     at_level = 0
     code = wide(root) << 3 | BLOCK
     paths[HIT_PATH] = 0
+    small[PART] = -1.0
     ordered = want != ANY
     entry = near
     about = 0.0
@@ -267,6 +269,7 @@ def find_first(
                     hit = HIT
                     best = lo
                     far = min(world.tmax, best + e)
+                    small[PART] = small[place(n)]
                     keep_surface(trees, scratch, at_level, kind, index, k, HIT_PATH)
                 break
         elif kind == OPERATION:

@@ -36,8 +36,8 @@ SLOT = -1_000_000
 """In a path, ``SLOT - k`` stands before the reference of primitive k of a small operation."""
 
 HIT_PATH = PATH * (MAX_DEPTH + 1)
-T, PRECISION, ENDS = 0, 1, 3
-"""In `Scratch.small`."""
+T, PART, PRECISION, ENDS = 0, 1, 2, 4
+"""In `Scratch.small`; `small_crossings` takes the precision from before the ends."""
 
 NONE, _ONE, _TWO, _THREE, _EIGHT = (np.uint64(k) for k in (0, 1, 2, 3, 8))
 _W = np.uint64(WIDTH)
@@ -93,7 +93,8 @@ class Scratch(NamedTuple):
     slots : int32
         Primitives that the crossings of a small operation belong to.
     small : float64
-        The first hit's t, the ray's precision, and from `ENDS` on the crossings of one leaf.
+        The first hit's t, the part that its leaf may have told, the ray's precision, and from
+        `ENDS` on the crossings of one leaf.
     slabs : float32 (12,)
         The present ray prepared for boxes.
     entries : float32 (WIDTH,)
@@ -122,7 +123,7 @@ def make_scratch() -> Scratch:
         frames=np.zeros(VISITS + 3, np.int64),
         limits=np.zeros(LIMITS * MAX_DEPTH),
         slots=np.zeros(ENDS + 64, np.int32),
-        small=np.zeros(ENDS + 64),
+        small=np.zeros(ENDS + 65),
         slabs=np.zeros(12, np.float32),
         entries=np.zeros(WIDTH, np.float32),
     )

@@ -8,13 +8,16 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.geometry.bvh import BLOCK, EMPTY, STACK, build_hierarchy
 from pcsg.jit import njit
-from pcsg.leaf.bvh import BLOCK_SIZE, EMPTY, STACK, build_hierarchy
-from pcsg.slabs import WIDTH
+from pcsg.simd import WIDTH
 from pcsg.treemesh.skeleton import Floats, Ints
 from pcsg.treemesh.threads import run_chunks
 
 Indices = NDArray[np.int32]
+Planes = NDArray[np.float32]
+
+_BLOCK_SIZE = 6 * WIDTH
 
 
 @njit
@@ -63,7 +66,7 @@ def _closest_on_triangle(
 
 
 @njit
-def _box_distance(planes: Floats, at: int, px: float, py: float, pz: float) -> float:
+def _box_distance(planes: Planes, at: int, px: float, py: float, pz: float) -> float:
     """Return the squared distance of a point from a box of a block."""
     dx = max(planes[at] - px, px - planes[at + 3 * WIDTH], 0.0)
     dy = max(planes[at + WIDTH] - py, py - planes[at + 4 * WIDTH], 0.0)
@@ -75,7 +78,7 @@ def _box_distance(planes: Floats, at: int, px: float, py: float, pz: float) -> f
 @njit(entry=True)
 def closest_range(
     points: Floats,
-    planes: Floats,
+    planes: Planes,
     refs: Indices,
     tri: Floats,
     begin: int,
@@ -92,52 +95,29 @@ def closest_range(
         while top > 0:
             top -= 1
             block = stack[top]
+            nearest, at = math.inf, -1
             for c in range(WIDTH):
                 ref = refs[WIDTH * block + c]
                 if ref == EMPTY:
                     continue
-                if _box_distance(planes, BLOCK_SIZE * block + c, px, py, pz) >= best:
+                beside = _box_distance(planes, _BLOCK_SIZE * block + c, px, py, pz)
+                if beside >= best:
                     continue
-                if ref >= 0:
-                    stack[top] = ref
+                if ref & 7 == BLOCK:
+                    stack[top] = ref >> 3
+                    if beside < nearest:
+                        nearest, at = beside, top
                     top += 1
                     continue
-                run = -1 - ref
-                for f in range(run // 8, run // 8 + run % 8):
-                    qx, qy, qz = _closest_on_triangle(tri, f, px, py, pz)
-                    d = (px - qx) ** 2 + (py - qy) ** 2 + (pz - qz) ** 2
-                    if d < best:
-                        best = d
-                        found[k, 0], found[k, 1], found[k, 2] = qx, qy, qz
-            # The nearest of the boxes just pushed comes first.
-            if top > 1 and stack[top - 1] != block:
-                _nearest_on_top(planes, stack, top, block, refs, px, py, pz)
+                qx, qy, qz = _closest_on_triangle(tri, ref >> 3, px, py, pz)
+                d = (px - qx) ** 2 + (py - qy) ** 2 + (pz - qz) ** 2
+                if d < best:
+                    best = d
+                    found[k, 0], found[k, 1], found[k, 2] = qx, qy, qz
+            if at >= 0:
+                # The nearest of the boxes just pushed comes first.
+                stack[at], stack[top - 1] = stack[top - 1], stack[at]
         found[k, 3] = math.sqrt(best)
-
-
-@njit
-def _nearest_on_top(
-    planes: Floats,
-    stack: Ints,
-    top: int,
-    block: int,
-    refs: Indices,
-    px: float,
-    py: float,
-    pz: float,
-) -> None:
-    """Swap the nearest of the block's children on the stack to its top."""
-    best, at = math.inf, -1
-    for c in range(WIDTH):
-        ref = refs[WIDTH * block + c]
-        if ref < 0:
-            continue
-        d = _box_distance(planes, BLOCK_SIZE * block + c, px, py, pz)
-        for s in range(max(0, top - WIDTH), top):
-            if stack[s] == ref and d < best:
-                best, at = d, s
-    if at >= 0:
-        stack[at], stack[top - 1] = stack[top - 1], stack[at]
 
 
 @njit
@@ -167,7 +147,7 @@ def shoot_range(
     points: Floats,
     normals: Floats,
     limit: Floats,
-    planes: Floats,
+    planes: Planes,
     refs: Indices,
     tri: Floats,
     begin: int,
@@ -192,7 +172,7 @@ def shoot_range(
                 ref = refs[WIDTH * block + c]
                 if ref == EMPTY:
                     continue
-                at = BLOCK_SIZE * block + c
+                at = _BLOCK_SIZE * block + c
                 if (
                     planes[at] > px + best * abs(dx)
                     or planes[at + 3 * WIDTH] < px - best * abs(dx)
@@ -202,15 +182,13 @@ def shoot_range(
                     or planes[at + 5 * WIDTH] < pz - best * abs(dz)
                 ):
                     continue
-                if ref >= 0:
-                    stack[top] = ref
+                if ref & 7 == BLOCK:
+                    stack[top] = ref >> 3
                     top += 1
                     continue
-                run = -1 - ref
-                for f in range(run // 8, run // 8 + run % 8):
-                    t, along = _cross_line(tri, f, px, py, pz, dx, dy, dz)
-                    if along > 0.0 and abs(t) <= best:
-                        best, t_best = abs(t), t
+                t, along = _cross_line(tri, ref >> 3, px, py, pz, dx, dy, dz)
+                if along > 0.0 and abs(t) <= best:
+                    best, t_best = abs(t), t
         found[k] = t_best
 
 
@@ -226,7 +204,7 @@ def _edge_cuts(tri: Floats, f: int, side: int, g: int) -> bool:
 @njit(entry=True)
 def cuts_range(
     boxes: Floats,
-    planes: Floats,
+    planes: Planes,
     refs: Indices,
     tri: Floats,
     corners: Ints,
@@ -256,7 +234,7 @@ def cuts_range(
                 ref = refs[WIDTH * block + c]
                 if ref == EMPTY:
                     continue
-                at = BLOCK_SIZE * block + c
+                at = _BLOCK_SIZE * block + c
                 apart = False
                 for axis in range(3):
                     apart |= (
@@ -265,33 +243,36 @@ def cuts_range(
                     )
                 if apart:
                     continue
-                if ref >= 0:
-                    stack[top] = ref
+                if ref & 7 == BLOCK:
+                    stack[top] = ref >> 3
                     top += 1
                     continue
-                run = -1 - ref
-                for g in range(run // 8, run // 8 + run % 8):
-                    if face[g] == face[k]:
-                        continue
-                    shared = False
-                    for p in range(corners.shape[1]):
-                        for q in range(corners.shape[1]):
-                            shared |= corners[k, p] == corners[g, q]
-                    if shared:
-                        continue
-                    for axis in range(3):
-                        shared |= (
-                            boxes[g, axis] > boxes[k, 3 + axis]
-                            or boxes[g, 3 + axis] < boxes[k, axis]
-                        )
-                    if shared:
-                        continue
-                    for side in range(3):
-                        if _edge_cuts(tri, k, side, g) or _edge_cuts(tri, g, side, k):
-                            found[k, 1] = 1
-                            if face[g] > face[k]:
-                                found[k, 0] += 1
-                            break
+                g = ref >> 3
+                if face[g] == face[k] or _share_corner(corners, k, g) or _are_apart(boxes, k, g):
+                    continue
+                for side in range(3):
+                    if _edge_cuts(tri, k, side, g) or _edge_cuts(tri, g, side, k):
+                        found[k, 1] = 1
+                        if face[g] > face[k]:
+                            found[k, 0] += 1
+                        break
+
+
+@njit
+def _share_corner(corners: Ints, k: int, g: int) -> bool:
+    for p in range(corners.shape[1]):
+        for q in range(corners.shape[1]):
+            if corners[k, p] == corners[g, q]:
+                return True
+    return False
+
+
+@njit
+def _are_apart(boxes: Floats, k: int, g: int) -> bool:
+    for axis in range(3):
+        if boxes[g, axis] > boxes[k, 3 + axis] or boxes[g, 3 + axis] < boxes[k, axis]:
+            return True
+    return False
 
 
 class MeshIndex:

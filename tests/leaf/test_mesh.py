@@ -15,11 +15,9 @@ import pcsg
 from pcsg import Scene, UsageError
 from pcsg.graph.nodes import Leaf
 from pcsg.graph.text import to_pcsg
-from pcsg.leaf.bvh import BLOCK_SIZE, build_hierarchy
 from pcsg.leaf.dispatch import leaf_crossings, leaf_inside, leaf_normal, leaf_uv
 from pcsg.leaf.mesh import Mesh, MeshModel, mesh_of_arrays
 from pcsg.leaf.registry import ALL, ANY, FIRST, OVERFLOW
-from pcsg.slabs import WIDTH
 from pcsg.trace.pool import ModelPool
 from pcsg.vec import Ray, Vec3
 
@@ -271,37 +269,6 @@ def test_what_does_not_fit_is_said() -> None:
     assert (
         leaf_crossings(Mesh.kind, ray, ALL, probe.args, 0, probe.pool, np.zeros(5), 0) == OVERFLOW
     )
-
-
-@pytest.mark.parametrize("count", [1, 2, 5, 300])
-def test_a_hierarchy_holds_every_item_once(count: int) -> None:
-    rng = np.random.default_rng(count)
-    centers, radii = rng.uniform(-1.0, 1.0, (count, 3)), rng.uniform(0.0, 0.1, (count, 3))
-    if count == 5:
-        centers[:] = 0.5  # nothing to tell them apart
-    boxes = np.hstack([centers - radii, centers + radii])
-    made = build_hierarchy(boxes)
-    seen = np.zeros(count, int)
-
-    def visit(block: int) -> Floats:
-        found = []
-        for k in range(WIDTH):
-            box = made.boxes[BLOCK_SIZE * block + k : BLOCK_SIZE * (block + 1) : WIDTH]
-            ref = int(made.refs[WIDTH * block + k])
-            if ref == -1:
-                assert (box[:3] > box[3:]).all()
-                continue
-            run = -1 - ref
-            items = made.order[run >> 3 : (run >> 3) + (run & 7)] if ref < 0 else visit(ref)
-            assert (boxes[items][:, :3].min(axis=0) == box[:3]).all()
-            assert (boxes[items][:, 3:].max(axis=0) == box[3:]).all()
-            if ref < 0:
-                seen[items] += 1
-            found.append(items)
-        return np.concatenate(found)
-
-    assert len(visit(0)) == count
-    assert (seen == 1).all()
 
 
 OBJ = """v 0 0 0
