@@ -18,8 +18,16 @@ from pcsg.arguments import array as array_of
 from pcsg.errors import UsageError
 from pcsg.geometry.bvh import build_hierarchy
 from pcsg.geometry.packets import LANES, pack_triangles
-from pcsg.leaf.places import interpolate, locate, normal_at
+from pcsg.leaf.places import (
+    corners_of_part,
+    face_normal,
+    interpolate,
+    is_part,
+    locate,
+    normal_at,
+)
 from pcsg.leaf.registry import (
+    NO_PART,
     Array,
     Box,
     Constant,
@@ -37,7 +45,6 @@ from pcsg.leaf.triangles import (
     HAS_COLORS,
     HAS_NORMALS,
     HAS_UV,
-    NO_PART,
     ORIENTATION,
     PACKETS,
     REFS,
@@ -325,6 +332,8 @@ class Mesh(Solid):
     @staticmethod
     def part_normal(p: Vec3, part: float, args: Array, at: int, pool: Pool) -> Vec3:
         mesh = find_mesh(args, at, pool)
+        if is_part(pool, mesh, part) and pool[2][mesh.head + HAS_NORMALS] == 0:
+            return face_normal(pool, mesh, corners_of_part(mesh, part))
         return normal_at(pool, mesh, locate(pool, mesh, p, part))
 
     @staticmethod

@@ -111,23 +111,27 @@ def _closest(numbers: Array, at: int, p: Vec3) -> tuple[float, float, float, flo
 
 
 @njit
-def locate(pool: Pool, mesh: Mesh, p: Vec3, part: float) -> Place:
-    """Return the place of a mesh that is nearest to a point.
+def is_part(pool: Pool, mesh: Mesh, part: float) -> bool:
+    """Return whether a number is that of a triangle: ``LANES packet + lane``."""
+    return 0.0 <= part < LANES * wide(pool[2][mesh.head + PACKETS])
 
-    Parameters
-    ----------
-    part
-        Where to look first: ``LANES packet + lane``, or any other number.
-    """
+
+@njit
+def corners_of_part(mesh: Mesh, part: float) -> int:
+    """Return where the numbers of a triangle begin."""
+    return mesh.corners + PACKET * (int(part) // LANES) + int(part) % LANES
+
+
+@njit
+def locate(pool: Pool, mesh: Mesh, p: Vec3, part: float) -> Place:
+    """Return the place of a triangle, or else of the mesh, that is nearest to a point."""
     numbers, integers = pool[0], pool[2]
+    if is_part(pool, mesh, part):
+        at = corners_of_part(mesh, part)
+        a, b, c, _ = _closest(numbers, at, p)
+        return Place(integers[mesh.begins + int(part) // LANES] + int(part) % LANES, at, a, b, c)
     # Points of the surface are very near to it, which leaves few boxes to look into.
     near = 1e-9 * (numbers[mesh.numbers + REACH] + abs(p.x) + abs(p.y) + abs(p.z))
-    if 0.0 <= part < LANES * wide(integers[mesh.head + PACKETS]):
-        packet, lane = int(part) // LANES, int(part) % LANES
-        at = mesh.corners + PACKET * packet + lane
-        a, b, c, d = _closest(numbers, at, p)
-        if d <= near * near:
-            return Place(integers[mesh.begins + packet] + lane, at, a, b, c)
     found, there = _locate_within(pool, mesh, p, near)
     while not there and near < math.inf:
         near *= 64.0
@@ -191,8 +195,14 @@ def normal_at(pool: Pool, mesh: Mesh, place: Place) -> Vec3:
         z = interpolate(numbers, mesh.normals, 3, 2, place)
         if max(abs(x), abs(y), abs(z)) > 0.0:
             return Vec3(x, y, z)
-    _, _, _, ux, uy, uz, vx, vy, vz = _sides(numbers, place.at)
-    turn = float(integers[mesh.head + ORIENTATION])
+    return face_normal(pool, mesh, place.at)
+
+
+@njit
+def face_normal(pool: Pool, mesh: Mesh, at: int) -> Vec3:
+    """Return the outward normal of the triangle whose numbers begin at a place."""
+    _, _, _, ux, uy, uz, vx, vy, vz = _sides(pool[0], at)
+    turn = float(pool[2][mesh.head + ORIENTATION])
     return Vec3(turn * (uy * vz - uz * vy), turn * (uz * vx - ux * vz), turn * (ux * vy - uy * vx))
 
 

@@ -42,6 +42,9 @@ ALL, FIRST, ANY = 0, 1, 2
 """What a caller wants: all inside intervals on the whole line, the first crossing in
 [tmin, tmax], or any."""
 
+NO_PART = -1.0
+"""The part of a leaf where it is not known; see `Solid.part_normal`."""
+
 OVERFLOW = -1
 """What `Solid.crossings` returns where the array is too short for all of them."""
 
@@ -344,8 +347,8 @@ class Solid:
         begins in [tmin, tmax] the end need only lie behind tmin, and so need an end behind tmax.
         `OVERFLOW` where the array is too short.
 
-        A leaf with many parts may leave a number behind its answer: the part that the first
-        crossing belongs to, for `part_normal`.
+        A leaf with `part_normal` leaves a number behind its answer where there is room: the part
+        that the first crossing belongs to, or `NO_PART`.
         """
         raise NotImplementedError
 
@@ -356,9 +359,9 @@ class Solid:
 
     @staticmethod
     def part_normal(p: Vec3, part: float, args: Array, at: int, pool: Pool) -> Vec3:
-        """Return the normal at a point of the surface, which may belong to a part.
+        """Return the normal at a point of the surface that is the first crossing of a ray.
 
-        `part` is what `crossings` may have left, or any other number. Only a leaf that need not
+        `part` is what `crossings` left behind its answer, or `NO_PART`. Only a leaf that need not
         look for the part then defines this.
         """
         raise NotImplementedError

@@ -20,7 +20,7 @@ from pcsg.geometry.packets import LANES, PACKET, cross_packet
 from pcsg.geometry.slabs import make_slabs, meet_block_at
 from pcsg.indices import place, wide
 from pcsg.jit import njit
-from pcsg.leaf.registry import ALL, ANY, OVERFLOW, Array, Pool
+from pcsg.leaf.registry import ALL, ANY, NO_PART, OVERFLOW, Array, Pool
 from pcsg.simd import (
     WIDTH,
     count_trailing_zeros,
@@ -37,9 +37,6 @@ REACH, BOX, CENTER, SCALE, CORNERS = 0, 1, 7, 10, 16
 
 COUNT = 3
 """Beside ALL, FIRST and ANY: only the directions of the crossings are wanted."""
-
-NO_PART = -1.0
-"""The part of a crossing that is not known."""
 
 _ROUNDING = 4e-15
 """Crossings that are nearer than this, relative to the mesh as the ray sees it, are one place."""
@@ -461,11 +458,10 @@ def _starts_outside(numbers: Array, at: int, ray: Ray) -> bool:
     """Return whether a ray begins outside of a mesh's box."""
     box = place(at + BOX)
     x, y, z = ray.ox + ray.tmin * ray.dx, ray.oy + ray.tmin * ray.dy, ray.oz + ray.tmin * ray.dz
-    return not (
-        numbers[box] <= x <= numbers[box + _THREE]
-        and numbers[box + _ONE] <= y <= numbers[box + _ONE + _THREE]
-        and numbers[box + _TWO] <= z <= numbers[box + _TWO + _THREE]
-    )
+    inside_x = numbers[box] <= x <= numbers[box + _THREE]
+    inside_y = numbers[box + _ONE] <= y <= numbers[box + _ONE + _THREE]
+    inside_z = numbers[box + _TWO] <= z <= numbers[box + _TWO + _THREE]
+    return not (inside_x & inside_y & inside_z)
 
 
 @njit

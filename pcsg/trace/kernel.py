@@ -20,7 +20,7 @@ from pcsg.geometry.slabs import make_slabs, meet_block
 from pcsg.graph.operators import DIFFERENCE
 from pcsg.indices import place, wide
 from pcsg.jit import njit
-from pcsg.leaf.registry import ANY, OVERFLOW, Pool
+from pcsg.leaf.registry import ANY, NO_PART, OVERFLOW, Pool
 from pcsg.simd import WIDTH, stay_apart
 from pcsg.trace.coverage import Coverage, draw_hit
 from pcsg.trace.ends import (
@@ -168,7 +168,6 @@ def find_first(
     at_level = 0
     code = wide(root) << 3 | BLOCK
     paths[HIT_PATH] = 0
-    small[PART] = -1.0
     ordered = want != ANY
     entry = near
     about = 0.0
@@ -269,7 +268,7 @@ def find_first(
                     hit = HIT
                     best = lo
                     far = min(world.tmax, best + e)
-                    small[PART] = small[place(n)]
+                    small[PART] = small[place(n)] if kind == LEAF else NO_PART
                     keep_surface(trees, scratch, at_level, kind, index, k, HIT_PATH)
                 break
         elif kind == OPERATION:
@@ -294,6 +293,7 @@ def find_first(
                 hit = HIT
                 best = t
                 far = min(world.tmax, best + tolerance(best, precision))
+                small[PART] = NO_PART
             elif answer != MISS:
                 return answer
         if hit == HIT and want == ANY:
@@ -447,5 +447,5 @@ def find_exit(
         if before != 1 or behind != 0:
             return UNDECIDED
         copy_path(scratch.paths, PATH, HIT_PATH)
-        scratch.small[T] = t
+        scratch.small[T], scratch.small[PART] = t, NO_PART
     return HIT
