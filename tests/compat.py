@@ -79,16 +79,26 @@ def try_pair(python: str, numba: str, folder: Path) -> list[str]:
             ),
         ),
         # By its own command: `-m pytest` would find the package of this folder.
-        ("tests", (str(bin_folder / "pytest"), "-q", "-p", "no:cacheprovider", *TESTS)),
+        ("tests", (str(bin_folder / "pytest"), "-v", "-p", "no:cacheprovider", *TESTS)),
     ]
     for name, line in steps:
         where = ROOT if name == "tests" else folder
         done = subprocess.run(line, cwd=where, env=env, capture_output=True, text=True)
+        if name == "install" and (missing := _missing(done.stderr)):
+            return [*told, f"NOT TRIED: the package index has no {missing} for this Python"]
         if done.returncode != 0:
             return [*told, f"{name} FAILED", done.stdout[-4000:], done.stderr[-4000:]]
         last = done.stdout.strip().splitlines()[-1:]
         told.append(f"{name} {last[0]}" if last else name)
     return [*told, f"{time.perf_counter() - begin:.0f} s"]
+
+
+def _missing(told: str) -> str:
+    """Return what pip did not find for this Python, empty if it found everything."""
+    found = re.search(r"No matching distribution found for (\S+)", told)
+    if found is None and "Cannot install on Python version" in told:
+        return "numba"  # so it says itself where only its source is there
+    return found[1] if found else ""
 
 
 def main() -> int:

@@ -28,6 +28,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from pcsg.commands.parent import follow_pool
 from pcsg.errors import PcsgError
 
 Data = bytes | str
@@ -192,6 +193,7 @@ def withstand(subject: Subject, inputs: int, folder: Path, seed: int = 1) -> Non
 
 def _work(name: str, seed: int, numbers: range, state: Any, told: Connection, trace: str) -> None:
     """Run inputs, and say which; called in a new process."""
+    follow_pool()
     with Path(trace).open("w") as file, tempfile.TemporaryDirectory() as folder:
         faulthandler.enable(file)
         if hasattr(signal, "SIGUSR1"):
