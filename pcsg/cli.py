@@ -25,7 +25,7 @@ from pcsg.commands.arguments import (
     Time,
 )
 from pcsg.commands.growing import app as grow
-from pcsg.commands.guard import guard
+from pcsg.commands.guard import guard, prepare_standard_files
 from pcsg.commands.limbs import app as limbs
 from pcsg.commands.parent import follow_if_tied
 
@@ -370,5 +370,6 @@ def warmup(json: Json = False) -> None:
 
 def main() -> None:
     """Run the command line."""
+    prepare_standard_files()
     follow_if_tied()
     app()

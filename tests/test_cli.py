@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from functools import partial
+from pathlib import Path
 
 import pytest
 import typer
@@ -359,3 +360,39 @@ def test_a_package_that_is_missing_is_named_with_its_extra(capsys):
     assert ended.value.exit_code == 1
     told = "this needs SciPy; in the folder of pcsg's source: pip install '.[mesh]'"
     assert told in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the shell is that of POSIX")
+@pytest.mark.parametrize(
+    "words",
+    [
+        "stats ball.pcsg >&-",
+        "gallery >&-",
+        "render ball.pcsg --size 6x4 --samples 1 2>&-",
+        "animate ball.pcsg --size 6x4 --samples 1 --frames 0..1 --jobs 2 >&- 2>&- <&-",
+    ],
+)
+def test_files_of_the_terminal_may_be_closed(tmp_path, words):
+    (tmp_path / "ball.pcsg").write_text(BALL)
+    root = os.pathsep.join([str(Path.cwd()), *sys.path])
+    done = subprocess.run(
+        ["sh", "-c", f"{sys.executable} -m pcsg {words}"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": root},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_signs_that_a_terminal_lacks_are_spelled_out(tmp_path):
+    (tmp_path / "ball.pcsg").write_text("sphere \u2603", encoding="utf-8")
+    done = subprocess.run(
+        [*PYTHON, "check", str(tmp_path / "ball.pcsg")],
+        env={**os.environ, "PYTHONIOENCODING": "cp1252"},
+        capture_output=True,
+        timeout=300,
+    )
+    assert done.returncode == 2
+    assert rb"stray character `\u2603`" in done.stdout, done.stderr

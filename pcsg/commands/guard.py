@@ -9,6 +9,8 @@ import functools
 import os
 import sys
 from collections.abc import Callable
+from io import TextIOWrapper
+from pathlib import Path
 from typing import ParamSpec
 
 import typer
@@ -81,6 +83,25 @@ def _tell(error: BaseException) -> int:
         f" {TRACEBACK}=1 shows where"
     )
     return 1
+
+
+def prepare_standard_files() -> None:
+    """Let standard input, output and errors take whatever is said.
+
+    What is closed is opened, and leads nowhere: else the first file that is opened would take its
+    number, and get what is meant for the user. Signs that the output cannot show are spelled out.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is not None:
+            continue
+        try:
+            os.fstat(number)
+        except OSError:
+            # It gets the lowest number that is free: this one. Other processes have it, too.
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+        setattr(sys, name, Path(os.devnull).open("w" if number else "r", encoding="utf-8"))
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def show(text: str) -> None:
