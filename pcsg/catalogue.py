@@ -197,6 +197,7 @@ CATALOGUE: dict[str, Mistake] = {
         Mistake("bad-value", _T, "The value is not of the kind that the key takes."),
         Mistake("unknown-material", _T, "No material has this name."),
         Mistake("unknown-texture", _T, "No texture has this name."),
+        Mistake("unknown-palette", _T, "No palette has this name."),
         Mistake(
             "parameter-never-assigned",
             _G,

@@ -8,6 +8,7 @@ from pathlib import Path
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, SourceSpan, UsageError, suggest
 from pcsg.grammar import syntax
+from pcsg.grammar.colors import is_palette
 from pcsg.grammar.fields import FIELD_BLENDS, FIELD_PRIMITIVES, FIELD_UNARY, field_names
 from pcsg.grammar.names import Names
 from pcsg.grammar.places import check_part_places, check_places
@@ -261,6 +262,12 @@ def _check_part(
         return check_numbers(expr for _, expr in part.assignments)
     if isinstance(part, syntax.Repeat):
         return check_numbers([part.count])
+    if (
+        isinstance(part, syntax.Unary)
+        and part.name == "color"
+        and is_palette(part.arguments.values)
+    ):
+        return _check_palette(part, names, setting_names["palette"])
     problems = check_numbers(part.arguments.values) if part.arguments else []
     if isinstance(part, syntax.Use):
         return [*problems, *_check_use(part, names)]
@@ -400,6 +407,21 @@ def _check_transformation(part: syntax.Unary) -> list[Diagnostic]:
     usage = f"`{part.name}({', '.join(transform.parameters)})`"
     seeds = _check_seeds(part.name, part.arguments, part.span)
     return seeds + _check_count(part.name, given, count, count, part.span, usage)
+
+
+def _check_palette(part: syntax.Unary, names: Names, known: Collection[str]) -> list[Diagnostic]:
+    """Check ``color(palette(NAME, x))``."""
+    (call,) = part.arguments.values
+    assert isinstance(call, Apply)
+    name, *places = call.args or (None,)
+    if len(places) != 1 or call.seeds or not isinstance(name, Parameter):
+        expected = "`palette(NAME, x)`"
+        message = "a palette takes its name and a number"
+        return [diagnose("wrong-arguments", message, call.span, expected=expected)]
+    problems = check_numbers(places)
+    if name.name not in known and "setting" not in names.broken_kinds:
+        problems.append(unknown_reference("palette", name.name, name.span, known, names))
+    return problems
 
 
 def _check_attribute(

@@ -1,17 +1,20 @@
-"""Colours as people write them: names, `#7a9b3c`, hsv(h, s, v).
+"""Colours as people write them: names, `#7a9b3c`, hsv(h, s, v), palettes.
 
 These are sRGB, as on a screen; the language's own numbers are linear.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from functools import cache
+from itertools import pairwise
 
 from pcsg.catalogue import diagnose
-from pcsg.errors import SourceSpan, suggest
+from pcsg.errors import Diagnostic, SourceSpan, suggest
 from pcsg.grammar.precedence import SyntaxFault
+from pcsg.grammar.syntax import Value
 from pcsg.graph.expr import Apply, Expr, Number
 
 _HEX = re.compile(r"#(?:[0-9a-fA-F]{3}|[0-9a-fA-F]{6})")
@@ -88,6 +91,59 @@ def read_hsv(values: Sequence[Expr], span: SourceSpan) -> tuple[Expr, ...]:
         is_dark = _apply("<=", shown, Number(0.04045))
         parts.append(_apply("if", is_dark, dark, _apply("^", base, Number(2.4))))
     return tuple(parts)
+
+
+def check_stops(value: Value) -> list[Diagnostic]:
+    """Report stops of a palette that are not constants, or do not grow."""
+    problems: list[Diagnostic] = []
+    last = -math.inf
+    for k, x in enumerate(value.numbers):
+        number = constant_of(x)
+        if number is None:
+            span = getattr(x, "span", None) or value.span
+            problems.append(diagnose("bad-value", "a stop is not a constant number", span))
+        elif k % 4 == 0:
+            if not number > last:
+                span = getattr(x, "span", None) or value.span
+                problems.append(diagnose("bad-value", f"stops grow, but {number:g} does not", span))
+            last = number
+    return problems
+
+
+def constant_of(expr: Expr) -> float | None:
+    """Return the value of a number as it is written, perhaps with a sign; else None."""
+    if isinstance(expr, Apply) and expr.function == "neg" and isinstance(expr.args[0], Number):
+        return -expr.args[0].value
+    return expr.value if isinstance(expr, Number) else None
+
+
+def is_palette(values: Sequence[Expr]) -> bool:
+    """Return whether arguments are one ``palette(...)``."""
+    return len(values) == 1 and isinstance(values[0], Apply) and values[0].function == "palette"
+
+
+def palette_color(stops: Sequence[Expr], x: Expr) -> tuple[Expr, ...]:
+    """Return the linear red, green and blue at a place of a palette.
+
+    Parameters
+    ----------
+    stops
+        Four numbers for each stop.
+    """
+    numbers = [constant_of(n) or 0.0 for n in stops]
+    rows = [numbers[k : k + 4] for k in range(0, len(numbers), 4)]
+    shares = []
+    for (a, *_), (b, *_) in pairwise(rows):
+        part = _apply("/", _apply("-", x, Number(a)), Number(b - a))
+        shares.append(_apply("clamp", part, Number(0.0), Number(1.0)))
+    found = []
+    for channel in (1, 2, 3):
+        total: Expr = Number(rows[0][channel])
+        for (low, high), share in zip(pairwise(rows), shares, strict=True):
+            step = high[channel] - low[channel]
+            total = _apply("+", total, _apply("*", Number(step), share))
+        found.append(total)
+    return tuple(found)
 
 
 def _apply(function: str, *args: Expr) -> Expr:

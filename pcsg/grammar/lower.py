@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 from pcsg.grammar import syntax
 from pcsg.grammar.check import FOR_ARGUMENTS, definition_order, read_constants
+from pcsg.grammar.colors import is_palette, palette_color
 from pcsg.grammar.fields import GrammarBlob, field_names
 from pcsg.grammar.loops import lower_for, lower_repeat
 from pcsg.grammar.names import ModuleEntry, Names
-from pcsg.grammar.syntax import Solid
+from pcsg.grammar.syntax import Arguments, Solid
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.expr import Apply, Expr, Number, Parameter
 from pcsg.graph.nodes import (
@@ -57,6 +59,12 @@ class _Lowering:
             if item.name is not None:
                 of_kind = self.numbers.setdefault(item.kind.text, {})
                 of_kind.setdefault(item.name.text, len(of_kind))
+        self.palettes = {
+            item.name.text: value.numbers
+            for item in names.settings
+            for key, value in item.pairs
+            if item.kind.text == "palette" and item.name and key.text == "stops" and value.stops
+        }
         self.nodes: dict[str, Node] = {}
         self.loops = 0
         # What blobs are made of is unrolled into them.
@@ -135,8 +143,25 @@ class _Lowering:
                 apply = partial(self._apply, prefix.prefixes)
                 node = lower_repeat(prefix, self._name_loop("REPEAT"), node, apply)
             else:
-                node = _apply(prefix, node)
+                node = _apply(self._with_color(prefix), node)
         return node
+
+    def _with_color(self, prefix: syntax.Block | syntax.Unary) -> syntax.Block | syntax.Unary:
+        """Return ``color(palette(NAME, x))`` as three numbers, anything else as it is."""
+        if isinstance(prefix, syntax.Block) or not prefix.attribute:
+            return prefix
+        if prefix.name != "color" or not is_palette(prefix.arguments.values):
+            return prefix
+        (call,) = prefix.arguments.values
+        assert isinstance(call, Apply)
+        if len(call.args) != 2 or not isinstance(call.args[0], Parameter):
+            return prefix
+        stops = self.palettes.get(call.args[0].name)
+        return (
+            replace(prefix, arguments=Arguments(palette_color(stops, call.args[1])))
+            if stops
+            else prefix
+        )
 
     def _name_loop(self, word: str) -> str:
         """Return the name of a loop's module, which no other has."""

@@ -196,6 +196,16 @@ class _Builder(Transformer[Any, Any]):
     def value_text(self, c: Items) -> Value:
         return Value((), c[0].text[1:-1], c[0].span)
 
+    def value_stops(self, c: Items) -> Value:
+        numbers = tuple(x for stop in c[1] for x in stop)
+        return Value(numbers, None, span_of(c[0], c[2]), stops=True)
+
+    def stop_of_text(self, c: Items) -> tuple[Expr, ...]:
+        return (c[1], *read_color(c[3].text[1:-1], c[3].span))
+
+    def stop(self, c: Items) -> tuple[Expr, ...]:
+        return c[1], c[4], c[6], c[8]
+
     # Lists grow in place, so that long ones cost no more than their length.
 
     def list_begin(self, c: Items) -> Items:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, suggest
 from pcsg.grammar.check import check_numbers, unknown_reference
-from pcsg.grammar.colors import is_hsv, read_color, read_hsv
+from pcsg.grammar.colors import check_stops, is_hsv, read_color, read_hsv
 from pcsg.grammar.names import Names
 from pcsg.grammar.precedence import SyntaxFault
 from pcsg.grammar.reach import Reach
@@ -40,6 +40,11 @@ def build_settings(names: Names) -> tuple[list[Setting], list[Diagnostic]]:
             continue
         problems += _check_head(item, kind, first)
         values = _build_values(item, kind, named, names, problems)
+        if kind.name == "palette" and not any(key.text == "stops" for key, _ in item.pairs):
+            expected = '`stops = ((0, "#203010"), (1, "olive"))`'
+            problems.append(
+                diagnose("bad-value", "a palette has stops", item.span, expected=expected)
+            )
         name = item.name.text if item.name else None
         settings.append(Setting(kind, name, values, item.span))
     return settings, problems
@@ -117,7 +122,7 @@ def _build_value(
 ) -> tuple[Expr, ...] | str | None:
     """Return a value as the key takes it; None if it does not, and a fault for a wrong colour."""
     kind = key.kind
-    if kind is ValueKind.COLOR and is_hsv(value.numbers):
+    if kind is ValueKind.COLOR and not value.stops and is_hsv(value.numbers):
         value = replace(value, numbers=read_hsv(value.numbers, value.span))
     if kind is ValueKind.FILE:
         if value.text is not None:
@@ -138,7 +143,11 @@ def _build_value(
             return None
     elif kind is ValueKind.COLOR and value.text is not None:
         return read_color(value.text, value.span)
-    elif len(value.numbers) == (3 if kind in _VECTORS else 1):
+    elif kind is ValueKind.STOPS and value.stops:
+        found = check_stops(value)
+        problems += found
+        return None if found else value.numbers
+    elif not value.stops and len(value.numbers) == (3 if kind in _VECTORS else 1):
         found = check_numbers(value.numbers)
         problems += found
         if asks_world(*value.numbers):

@@ -206,11 +206,15 @@ class Definition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Value:
-    """What stands behind a key: one or three numbers, or a text in quotes."""
+    """What stands behind a key: one or three numbers, a text in quotes, or stops of a palette.
+
+    Of stops the numbers are four for each.
+    """
 
     numbers: tuple[Expr, ...]
     text: str | None
     span: SourceSpan
+    stops: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,6 +24,7 @@ class ValueKind(Enum):
     NUMBER = "a number"
     VECTOR = "three numbers (x, y, z)"
     COLOR = "a colour: (r, g, b), linear, or a name or digits in quotes"
+    STOPS = "stops ((x, colour), ...) with growing x"
     WORD = "one of the words"
     NAME = "a name"
     FILE = "the name of a file in quotes"
@@ -255,6 +256,17 @@ SETTINGS = {
                     high=FAR,
                 ),
                 "file": Key(ValueKind.FILE, None, "picture of the kinds image and normals"),
+            },
+            named=True,
+            several=True,
+        ),
+        SettingKind(
+            "palette",
+            "A row of colours, blended between: `color(palette(NAME, x))`.",
+            {
+                "stops": Key(
+                    ValueKind.STOPS, None, "numbers and their colours, from the first to the last"
+                ),
             },
             named=True,
             several=True,

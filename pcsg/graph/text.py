@@ -437,5 +437,9 @@ def _value_text(setting: Setting, key: str, value: tuple[Expr, ...] | str) -> st
                 f"the name of a file in a grammar has no quotes and no line ends: {value!r}"
             )
         return f'"{value}"'
+    if setting.kind.keys[key].kind is ValueKind.STOPS:
+        numbers = [expr_text(e) for e in value]
+        rows = (numbers[k : k + 4] for k in range(0, len(numbers), 4))
+        return "(" + ", ".join(f"({x}, ({r}, {g}, {b}))" for x, r, g, b in rows) + ")"
     texts = ", ".join(expr_text(e) for e in value)
     return f"({texts})" if len(value) > 1 else texts

@@ -78,3 +78,54 @@ def test_what_is_no_colour_is_told(text: str) -> None:
     with pytest.raises(GrammarError) as told:
         pcsg.loads(text)
     assert MISTAKES[text] in str(told.value)
+
+
+PALETTE = 'palette leaf { stops = ((0, "#203010"), (0.4, (0.2, 0.5, 0.1)), (1, "olive")) }'
+
+
+def test_a_palette_blends_linear_colours_between_its_stops() -> None:
+    text = f"for(k, 0, 6) move(3*k,0,0) color(palette(leaf, 0.3*k - 0.3)) sphere\n{PALETTE}"
+    hits = pcsg.loads(text).intersect([[3 * k, 0, 5] for k in range(7)], [[0, 0, -1]] * 7)
+    dark = [linear(x / 255) for x in (0x20, 0x30, 0x10)]
+    olive = [linear(x / 255) for x in (128, 128, 0)]
+    stops = np.array([dark, [0.2, 0.5, 0.1], olive])
+    x = 0.3 * np.arange(7) - 0.3
+    expected = np.stack([np.interp(x, [0, 0.4, 1], stops[:, k]) for k in range(3)], 1)
+    np.testing.assert_allclose(hits.color, expected, atol=1e-12)
+
+
+def test_a_palette_of_one_stop_is_one_colour() -> None:
+    text = 'color(palette(a, 7)) sphere\npalette a { stops = ((2, (0.1, 0.2, 0.3))) }'
+    hits = pcsg.loads(text).intersect([[0, 0, 5]], [[0, 0, -1]])
+    assert hits.color[0].tolist() == [0.1, 0.2, 0.3]
+
+
+def test_palettes_are_written_back() -> None:
+    scene = pcsg.loads(f"{{x = 0.5}} color(palette(leaf, x)) sphere\n{PALETTE}")
+    again = pcsg.loads(scene.to_pcsg())
+    assert again.to_pcsg() == scene.to_pcsg()
+    rays = [[0, 0, 5]], [[0, 0, -1]]
+    assert again.intersect(*rays).color.tolist() == scene.intersect(*rays).color.tolist()
+
+
+WRONG_PALETTES = {
+    "color(palette(leave, 1)) sphere\n" + PALETTE: "did you mean `leaf`?",
+    "color(palette(leaf)) sphere\n" + PALETTE: "a palette takes its name and a number",
+    "color(palette(1, 2)) sphere\n" + PALETTE: "a palette takes its name and a number",
+    "color(palette(leaf, foo(1))) sphere\n" + PALETTE: "unknown function `foo`",
+    "sphere\npalette a { stops = ((0, (1,1,1)), (0, (0,0,0))) }": "stops grow, but 0 does not",
+    "{n = 1} sphere\npalette a { stops = ((n, (1,1,1))) }": "a stop is not a constant number",
+    "sphere\npalette a { stops = (1, 2, 3) }": "does not fit",
+    "sphere\npalette a { }": "a palette has stops",
+    "sphere\npalette { stops = ((0, (1,1,1))) }": "the palette has no name",
+    'sphere\npalette a { stops = ((0, "blu")) }': "did you mean `blue`?",
+    "sphere\nsky { zenith = ((0, (1,1,1))) }": "does not fit",
+    "sphere\ncamera { fov = ((0, (1,1,1))) }": "does not fit",
+}
+
+
+@pytest.mark.parametrize("text", WRONG_PALETTES)
+def test_what_is_wrong_with_a_palette_is_told(text: str) -> None:
+    with pytest.raises(GrammarError) as told:
+        pcsg.loads(text)
+    assert WRONG_PALETTES[text] in str(told.value)
