@@ -26,10 +26,12 @@ from pcsg.graph.stats import Census, graph_stats, take_census
 from pcsg.graph.text import to_pcsg
 from pcsg.graph.unroll import enumerate_states
 from pcsg.graph.validate import check_graph
+from pcsg.memory import half_of_memory
 from pcsg.trace.expand.reading import EXPANSION_MEMORY, StatesReader
 from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.pool import pool_of
+from pcsg.trace.preparing import Preparation
 from pcsg.trace.rays import check_rays
 from pcsg.trace.store import BLOCK_MEMORY
 from pcsg.trace.tracer import Engine, StatesTracer, trace_states
@@ -228,7 +230,9 @@ class Scene:
     def _expand(self) -> Expansion | None:
         """Return all states where memory has room for them, in compiled code."""
         memory = EXPANSION_MEMORY if self._block_memory is None else self._block_memory
-        found = self._reader.expand(memory, pool_of(self.graph))
+        found = self._reader.expand(
+            memory, pool_of(self.graph), preparation=self._preparation(0.0, 0.4)
+        )
         if found is None:
             return None
         if found.diagnostics:
@@ -247,9 +251,15 @@ class Scene:
 
         if self._expansion is None:
             return None
-        packed = pack_expansion(self._expansion)
+        packed = pack_expansion(self._expansion, self._preparation(0.4, 1.0))
         self._expansion = None
         return packed
+
+    def _preparation(self, begin: float, end: float) -> Preparation:
+        """Return a part of the preparation, from one share to another."""
+        span = self.graph.root.span
+        most = half_of_memory() if self._max_memory is None else self._max_memory
+        return Preparation(span.source.name if span else "the scene", most, begin, end)
 
     def _sun(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the direction towards the sun as the parameters SUNX, SUNY, SUNZ."""

@@ -29,6 +29,7 @@ FLOORS: list[set[str]] = [
         "vec",
         "indices",
         "inputs",
+        "memory",
         "simd",
         "slabs",
         "meshfile",

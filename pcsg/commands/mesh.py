@@ -148,7 +148,7 @@ def run_mesh(given: Input, wanted: Output) -> None:
 
 def memory_limit(text: str | None) -> int:
     """Return the bytes that ``--max-memory`` allows, by default half of the machine's."""
-    from pcsg.render.options import half_of_memory
+    from pcsg.memory import half_of_memory
 
     limit = parse_memory(text)
     return half_of_memory() if limit is None else limit

@@ -15,8 +15,9 @@ import typer
 from pcsg.commands.compiling import announce_compiling, tell_unkept
 from pcsg.commands.guard import INTERRUPTED, say, show
 from pcsg.commands.options import parse_memory, parse_setting, parse_size, parse_tile
+from pcsg.commands.progress import show_preparation
 from pcsg.commands.scenes import open_scene
-from pcsg.errors import EvaluationFault, UsageError
+from pcsg.errors import EnvironmentFault, EvaluationFault, UsageError
 
 if TYPE_CHECKING:
     from pcsg.render.image import Image
@@ -88,9 +89,12 @@ def run(arguments: RenderArguments) -> None:
         arguments.max_memory,
         arguments.block_memory,
         arguments.engine,
+        arguments.quiet,
     )
+    with show_preparation(arguments.file.name, arguments.quiet):
+        kernel = scene.tracer.kernel
     if not arguments.quiet:
-        announce_compiling(scene.tracer.kernel, "about half a minute")
+        announce_compiling(kernel, "about half a minute")
     job = Job(scene, options, {"pcsg:command": _command()})
     if arguments.verbose:
         camera = job.stage.camera
@@ -104,7 +108,7 @@ def run(arguments: RenderArguments) -> None:
         say(f"going on from {kept}")
     try:
         _run(job, arguments, output, kept)
-    except (KeyboardInterrupt, EvaluationFault) as stopped:
+    except (KeyboardInterrupt, EvaluationFault, EnvironmentFault) as stopped:
         write_checkpoint(job, kept)
         _save_part(job, output, kept)
         if isinstance(stopped, KeyboardInterrupt):

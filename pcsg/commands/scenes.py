@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 from pcsg.commands.files import check_there
 from pcsg.commands.guard import say
 from pcsg.commands.options import parse_assignments, parse_memory, parse_number
+from pcsg.commands.progress import show_preparation
 
 if TYPE_CHECKING:
     from pcsg.scene import Scene
@@ -24,6 +25,7 @@ def open_scene(
     max_memory: str | None,
     block_memory: str | None = None,
     engine: str = "auto",
+    quiet: bool = False,
 ) -> Scene:
     """Return the scene of a grammar with the options' values."""
     check_there(file)
@@ -36,14 +38,15 @@ def open_scene(
     blocks = parse_memory(block_memory, "--block-memory")
     from pcsg.scene import load
 
-    scene = load(
-        file,
-        include=include,
-        max_memory=limit,
-        block_memory=blocks,
-        engine=cast("Engine", engine),  # Scene checks it
-        parameters=values,
-    )
+    with show_preparation(file.name, quiet):
+        scene = load(
+            file,
+            include=include,
+            max_memory=limit,
+            block_memory=blocks,
+            engine=cast("Engine", engine),  # Scene checks it
+            parameters=values,
+        )
     tell_warnings(scene)
     return scene
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pcsg.commands.guard import show
+from pcsg.commands.progress import show_preparation
 from pcsg.commands.scenes import open_scene
 
 
@@ -26,7 +27,8 @@ def run(
 ) -> None:
     """Print what a scene consists of."""
     scene = open_scene(file, assignments, seed, time, include, max_memory, block_memory, engine)
-    counts = scene.stats()
+    with show_preparation(file.name, as_json):
+        counts = scene.stats()
     # Python refuses to write integers of more than 4300 digits; order 8000 of a fractal has them.
     most = sys.get_int_max_str_digits()
     sys.set_int_max_str_digits(0)

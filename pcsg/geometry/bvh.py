@@ -200,32 +200,70 @@ def build_block(
     blocks, waiting
         Their new numbers.
     """
-    order, stack, parts, hulls = work.order, work.stack, work.parts, work.hulls
+    n, more = begin_block(boxes, waiting, work), 1
+    while more > 0:
+        n, more = split_block(boxes, waiting, unbounded, n, work)
+    return end_block(boxes, codes, out, blocks, waiting, n, work)
+
+
+@njit
+def begin_block(boxes: Floats, waiting: int, work: BuildWork) -> int:
+    """Begin the block of the part that waits on top; return how many parts it has so far."""
+    top = 4 * (waiting - 1)
+    begin, end = work.stack[top], work.stack[top + 1]
+    work.parts[0], work.parts[1] = begin, end
+    _find_hull(boxes, work.order, begin, end, work.hulls, 0)
+    return 1 if end > begin else 0
+
+
+@njit
+def split_block(
+    boxes: Floats, waiting: int, unbounded: int, n: int, work: BuildWork
+) -> tuple[int, int]:
+    """Split the largest of the n parts of the block that was begun, if there is anything to split.
+
+    Returns
+    -------
+    n, items
+        How many parts there are now, and how many items were parted; 0 where nothing was.
+    """
+    order, parts, hulls = work.order, work.parts, work.hulls
     single = max(1, work.most)
     # What one block can hold of single items is not parted further, and then dissolved.
     most_of_part = single if work.most > 1 else WIDTH
-    top = 4 * (waiting - 1)
-    begin, end, block, level = stack[top], stack[top + 1], stack[top + 2], stack[top + 3]
+    deep = work.stack[4 * waiting - 1] > _DEEP
+    k = _choose_part(parts, hulls, n, most_of_part, deep) if 0 < n < WIDTH else -1
+    if k < 0:
+        return n, 0
+    a, b = parts[2 * k], parts[2 * k + 1]
+    if a < unbounded < b:
+        middle = unbounded
+    elif a < unbounded or deep:
+        middle = (a + b) // 2
+    else:
+        middle = _split(boxes, order, a, b, single, work.bins)
+    parts[2 * k + 1] = middle
+    parts[2 * n], parts[2 * n + 1] = middle, b
+    _find_hull(boxes, order, a, middle, hulls, 6 * k)
+    _find_hull(boxes, order, middle, b, hulls, 6 * n)
+    return n + 1, b - a
+
+
+@njit
+def end_block(
+    boxes: Floats,
+    codes: NDArray[np.int32],
+    out: Hierarchies,
+    blocks: int,
+    waiting: int,
+    n: int,
+    work: BuildWork,
+) -> tuple[int, int]:
+    """Write the block of the part that waits on top, of n parts; as `build_block`."""
+    order, stack, parts, hulls = work.order, work.stack, work.parts, work.hulls
     waiting -= 1
-    parts[0], parts[1] = begin, end
-    _find_hull(boxes, order, begin, end, hulls, 0)
-    n = 1 if end > begin else 0
-    while 0 < n < WIDTH:
-        k = _choose_part(parts, hulls, n, most_of_part, level > _DEEP)
-        if k < 0:
-            break
-        a, b = parts[2 * k], parts[2 * k + 1]
-        if a < unbounded < b:
-            middle = unbounded
-        elif a < unbounded or level > _DEEP:
-            middle = (a + b) // 2
-        else:
-            middle = _split(boxes, order, a, b, single, work.bins)
-        parts[2 * k + 1] = middle
-        parts[2 * n], parts[2 * n + 1] = middle, b
-        _find_hull(boxes, order, a, middle, hulls, 6 * k)
-        _find_hull(boxes, order, middle, b, hulls, 6 * n)
-        n += 1
+    block, level = stack[4 * waiting + 2], stack[4 * waiting + 3]
+    single = max(1, work.most)
     if work.most <= 1:
         n = _dissolve_parts(boxes, work, n)
     for k in range(WIDTH):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from pcsg.arguments import real, shown, whole
 from pcsg.errors import EnvironmentFault, UsageError
+from pcsg.memory import half_of_memory, show_bytes
 from pcsg.render.film import BYTES_PER_PIXEL
 from pcsg.render.sampler import MAX_SAMPLES
 from pcsg.render.stage import Overrides
@@ -78,8 +79,9 @@ class Options:
         limit = half_of_memory() if self.max_memory is None else self.max_memory
         if needed > limit:
             raise EnvironmentFault(
-                f"a picture of {width}x{height} pixels needs {_bytes(needed)} of memory, but only"
-                f" {_bytes(limit)} are allowed; a smaller --size or a larger --max-memory helps"
+                f"a picture of {width}x{height} pixels needs {show_bytes(needed)} of memory, but"
+                f" only {show_bytes(limit)} are allowed; a smaller --size or a larger --max-memory"
+                " helps"
             )
         if max(self.size) > 1 << 20:
             raise UsageError(f"the size must be at most {1 << 20} pixels a side")
@@ -109,22 +111,6 @@ class Options:
         while levels[-1] < self.samples:
             levels.append(min(4 * levels[-1], self.samples))
         return levels
-
-
-def half_of_memory() -> int:
-    """Return half of the machine's memory in bytes; 2 GB where it does not tell."""
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
-    except (AttributeError, ValueError, OSError):
-        return 2 << 30
-
-
-def _bytes(n: float) -> str:
-    for unit in ("bytes", "KB", "MB", "GB", "TB"):
-        if n < 1000:
-            return f"{n:.3g} {unit}"
-        n /= 1000
-    return f"{n:.3g} PB"
 
 
 def processors() -> int:

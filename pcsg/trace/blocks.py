@@ -86,7 +86,7 @@ class Blocks(NamedTuple):
     tables : uint64
         Their truth tables.
     ref_boxes : float32 (6 R,)
-        Boxes of references, in the frame of their group.
+        Boxes of references, in the frame of their group; empty where there are no instances.
     root : int
         First block of the axiom.
     box : (2, 3) float64

@@ -29,6 +29,7 @@ from pcsg.trace.expand.expansion import Expansion, TooLarge
 from pcsg.trace.expand.pack import pack_expansion
 from pcsg.trace.expand.table import LEAF, STATE
 from pcsg.trace.groups import BLOCK, EMPTY, INSTANCE
+from pcsg.trace.groups import LEAF as LEAF_REF
 from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.pool import ModelPool
 from pcsg.trace.walker import Walker
@@ -173,7 +174,10 @@ def test_boxes_of_balls_are_exact() -> None:
     forward = np.linalg.inv(inverses[:, :, :3])
     reach = np.sqrt(np.square(forward).sum(axis=2))
     middle = -np.einsum("nij,nj->ni", forward, inverses[:, :, 3])
-    boxes = packed.blocks.ref_boxes.reshape(-1, 6)
+    planes = packed.blocks.boxes.reshape(-1, 6, WIDTH).transpose(0, 2, 1).reshape(-1, 6)
+    balls = packed.blocks.refs & 7 == LEAF_REF
+    boxes = np.empty((500, 6))
+    boxes[packed.blocks.refs[balls] >> 3] = planes[balls]
     np.testing.assert_allclose(boxes[:, :3], middle - reach, rtol=1e-5, atol=1e-4)
     np.testing.assert_allclose(boxes[:, 3:], middle + reach, rtol=1e-5, atol=1e-4)
 

@@ -226,7 +226,10 @@ def measure_states(table: Table, sizes: Sizes, order: NDArray[np.int32]) -> None
                 sizes.refs_of[i] = sizes.rows_of[i] = 1
             else:
                 sizes.refs_of[i], sizes.rows_of[i] = sizes.refs[target], sizes.rows[target]
-                sizes.lists_of[i], sizes.numbers_of[i] = sizes.lists[target], sizes.numbers[target]
+                # Pages that nobody writes to take no memory.
+                if sizes.numbers[target] > 0:
+                    sizes.lists_of[i] = sizes.lists[target]
+                    sizes.numbers_of[i] = sizes.numbers[target]
                 sizes.depth_of[i] = sizes.depth[target]
                 sizes.flags_of[i] |= sizes.flags[target] & PLAIN
         plain = PLAIN
@@ -237,8 +240,9 @@ def measure_states(table: Table, sizes: Sizes, order: NDArray[np.int32]) -> None
             sizes.depth[s] = max(sizes.depth[s], 1, sizes.depth_of[i] + wait)
             sizes.refs[s] += sizes.refs_of[i]
             sizes.rows[s] += sizes.rows_of[i]
-            sizes.lists[s] += sizes.lists_of[i]
-            sizes.numbers[s] += sizes.numbers_of[i]
+            if sizes.numbers_of[i] > 0:
+                sizes.lists[s] += sizes.lists_of[i]
+                sizes.numbers[s] += sizes.numbers_of[i]
             plain &= sizes.flags_of[i]
             i = table.end[i]
         sizes.flags[s] |= plain

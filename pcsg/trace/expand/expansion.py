@@ -38,6 +38,7 @@ from pcsg.trace.expand.table import (
     rehash,
 )
 from pcsg.trace.pool import ModelPool
+from pcsg.trace.preparing import UNLIMITED, Preparation
 
 SLICE = 20_000
 """States that are made before control returns to Python, where Ctrl-C is seen."""
@@ -74,6 +75,8 @@ class Expansion:
         hardly any states are alike, it tells early that there will be too many.
     without
         Nodes that are taken to be empty.
+    preparation
+        Is told how far it is, and asked for memory.
 
     Attributes
     ----------
@@ -90,6 +93,8 @@ class Expansion:
     ------
     TooLarge
         The table needs more memory.
+    EnvironmentFault
+        There is no more memory.
     """
 
     def __init__(
@@ -100,6 +105,7 @@ class Expansion:
         max_bytes: int,
         leaves: Callable[[], int | None] = lambda: None,
         without: Collection[int] = frozenset(),
+        preparation: Preparation = UNLIMITED,
     ) -> None:
         self.graph = graph
         self.values = values
@@ -110,6 +116,7 @@ class Expansion:
         self.programs = self._writer.write()
         self.table = _make_table(self.programs)
         self._leaves = leaves
+        self._preparation = preparation
         if self._fill(max_bytes) and self._make_models():
             n = self.n_states
             order = np.zeros(n, np.int32)
@@ -151,6 +158,10 @@ class Expansion:
         )
         return self.table
 
+    def drop_items(self) -> None:
+        """Give up the table, which nobody reads any more."""
+        self.table = Table._make(array[:0] for array in self.table)
+
     def _fill(self, max_bytes: int) -> bool:
         """Make all states; return False where a fault was met."""
         programs = self.programs
@@ -163,7 +174,9 @@ class Expansion:
             open=np.zeros(programs.n_operations + 1, np.int32),
         )
         looked = False
+        expected: float | None = None
         while True:
+            self._preparation.tell(None if expected is None else self.n_states / expected)
             status = fill_table(
                 programs, self.table, self.table.values.view(np.uint64), work, SLICE
             )
@@ -173,20 +186,34 @@ class Expansion:
                 self._report(int(self.table.counters[F_STATE]))
                 return False
             if status == FULL:
-                self.table = _grow(programs, self.table)
-                if sum(a.nbytes for a in self.table) > max_bytes:
+                used = _used_bytes(self.table)
+                if used > max_bytes:
                     raise TooLarge
+                # For a moment what grows is there twice.
+                self._preparation.require(2 * used)
+                self.table = _grow(programs, self.table)
             elif not looked and self.n_states > _EARLY:
                 looked = True
-                self._look_ahead(max_bytes)
+                expected = self._look_ahead(max_bytes)
 
-    def _look_ahead(self, max_bytes: int) -> None:
-        """Give up where no states are alike, and the derivation has too many leaves."""
-        met = np.count_nonzero(self.table.kind[: self.n_items] == STATE)
-        if met < 1.05 * self.n_states:
-            leaves = self._leaves()
-            if leaves is not None and leaves * LEAF_BYTES > max_bytes:
-                raise TooLarge
+    def _look_ahead(self, max_bytes: int) -> float | None:
+        """Return how many states are expected, None where nobody knows.
+
+        Raises
+        ------
+        TooLarge
+            No states are alike, and the derivation has too many leaves.
+        """
+        kinds = self.table.kind[: self.n_items]
+        if np.count_nonzero(kinds == STATE) >= 1.05 * self.n_states:
+            return None
+        leaves = self._leaves()
+        if leaves is None:
+            return None
+        if leaves * LEAF_BYTES > max_bytes:
+            raise TooLarge
+        per_leaf = self.n_states / max(1, int(np.count_nonzero(kinds == LEAF)))
+        return leaves * per_leaf
 
     def _make_models(self) -> bool:
         """Make the models that depend on the place, each a leaf of its own; False for a fault."""
@@ -275,21 +302,34 @@ def _make_table(programs: Programs) -> Table:
     return table
 
 
-def _grow(programs: Programs, table: Table) -> Table:
-    """Return a table with twice the room where there is little left."""
+def _used(table: Table) -> dict[str, int]:
+    """Return how much of every array of a table is in use."""
     c = table.counters
-    used = {
+    return {
         **dict.fromkeys(_PER_STATE, int(c[N_STATES])),
         **dict.fromkeys(_PER_ITEM, int(c[N_ITEMS])),
         "matrices": 12 * int(c[N_MATRICES]),
         "numbers": int(c[N_NUMBERS]),
         "values": int(c[N_VALUES]),
     }
+
+
+def _used_bytes(table: Table) -> int:
+    """Return how much memory a table takes; pages that nobody writes to take none."""
+    arrays = table._asdict()
+    used = sum(n * arrays[name].itemsize for name, n in _used(table).items())
+    return int(used + table.slots.nbytes)
+
+
+def _grow(programs: Programs, table: Table) -> Table:
+    """Return a table with more room where there is little left."""
     arrays: dict[str, Any] = table._asdict()
+    used = _used(table)
     for name, n in used.items():
-        if 3 * n > len(arrays[name]):
-            array = np.zeros(2 * len(arrays[name]), arrays[name].dtype)
-            array[: len(arrays[name])] = arrays[name]
+        if 2 * n > len(arrays[name]):
+            array = np.zeros(4 * len(arrays[name]), arrays[name].dtype)
+            # `values_at` has one more.
+            array[: n + 1] = arrays[name][: n + 1]
             arrays[name] = array
     if 3 * used["program"] > len(table.slots):
         arrays["slots"] = np.full(2 * len(table.slots), -1, np.int32)

@@ -51,16 +51,19 @@ def outermost_boxes(
 ) -> NDArray[np.float64]:
     """Return the boxes (N, 6) of a list's references, those on its hull without slack.
 
+    Nobody writes to them.
+
     Parameters
     ----------
     first, end
         The references, before `finish_layout`.
     """
-    boxes = layout.boxes[6 * first : 6 * end].reshape(-1, 6).copy()
+    boxes = layout.boxes[6 * first : 6 * end].reshape(-1, 6)
     bounded = np.flatnonzero(np.isfinite(boxes).all(axis=1))
     instances = layout.codes[first:end] & 7 == INSTANCE
     if not instances[bounded].any():
         return boxes
+    boxes = boxes.copy()
     for side in range(6):
         axis, sign = side % 3, -1.0 if side < 3 else 1.0
         reach = sign * boxes[bounded, side]

@@ -21,7 +21,9 @@ N_ROWS, N_LISTS, N_RECORDS, N_ARGS, N_SMALLS, N_TABLES, N_OPERATIONS, N_BLOCKS =
 # done with the present list, which one it is, the runs of items that wait, the next reference, the
 # parts that wait for their blocks, and the items without bounds.
 AT_STATE, AT_FIRST, AT_PHASE, AT_LIST, AT_RUNS, AT_ROW, AT_PARTS, AT_UNBOUNDED = range(8, 16)
-COUNTERS = 16
+# The parts of the block that is in the making, -1 for none.
+AT_PIECES = 16
+COUNTERS = 17
 
 
 class Layout(NamedTuple):

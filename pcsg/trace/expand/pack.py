@@ -25,6 +25,9 @@ from pcsg.trace.expand.extremes import outermost_boxes
 from pcsg.trace.expand.flatten import finish_layout, lay_out, move_axiom
 from pcsg.trace.expand.frames import find_frames
 from pcsg.trace.expand.layout import (
+    AT_PIECES,
+    AT_ROW,
+    AT_RUNS,
     COUNTERS,
     N_ARGS,
     N_BLOCKS,
@@ -37,10 +40,18 @@ from pcsg.trace.expand.layout import (
     LayoutWork,
 )
 from pcsg.trace.expand.table import LEAF, N_ATTRIBUTES, N_NUMBERS, STATE, Table
+from pcsg.trace.groups import INSTANCE
+from pcsg.trace.preparing import UNLIMITED, Preparation
 from pcsg.trace.shrinking import find_shrunk
 
 SLICE = 20_000
 """References that are laid out before control returns to Python, where Ctrl-C is seen."""
+
+_ROW_BYTES = 320
+"""Bytes of a reference while it is laid out, with its part of blocks and of copies."""
+
+_PER_BLOCK = 9
+"""References of a block, about."""
 
 _HEAP = 4_096
 """Entries of a search for a support; with more, its bound stands."""
@@ -73,8 +84,19 @@ class Packed(NamedTuple):
     may_shrink: bool
 
 
-def pack_expansion(expansion: Expansion) -> Packed:
-    """Return the blocks of an expansion without cycles; it is used up."""
+def pack_expansion(expansion: Expansion, preparation: Preparation = UNLIMITED) -> Packed:
+    """Return the blocks of an expansion without cycles; it is used up.
+
+    Parameters
+    ----------
+    preparation
+        Is told how far it is, and asked for memory.
+
+    Raises
+    ------
+    EnvironmentFault
+        There is no memory for it.
+    """
     programs, table, order = expansion.programs, expansion.take_items(), expansion.order
     if order is None:
         raise ValueError("a state contains itself")
@@ -93,27 +115,41 @@ def pack_expansion(expansion: Expansion) -> Packed:
     # Lists with instances are written a second time where they are opened.
     shared = limit * lists + root_limit if len(clusters) > 1 else 0
     rows = int(sizes.rows[clusters].sum()) + shared + 1
+    preparation.require(sum(a.nbytes for a in table) + _ROW_BYTES * rows)
     layout = _make_layout(expansion, sizes, clusters, rows, lists)
     blocks = rows // 2 + 2 * lists + 2
     out = Hierarchies(np.empty(6 * WIDTH * blocks, np.float32), np.empty(WIDTH * blocks, np.int32))
     depth = int(max(sizes.depth.max(), sizes.depth_of.max(initial=0))) + 4
     work = _make_work(depth, max(root_limit, limit), table)
     build = make_build_work(rows)
+    layout.counters[AT_PIECES] = -1
     limits = limit, root_limit
     arrays = programs, table, sizes, order, frames.origins, *limits, layout, out, work, build
     del frames
     while not lay_out(*arrays, SLICE):
-        pass
+        preparation.tell(_share_of(layout, rows))
     root = layout.list_of[0]
     first, end = int(layout.list_first[root]), int(layout.list_end[root])
     outermost = outermost_boxes(programs, table, layout, out, work, first, end)
+    finite = np.isfinite(outermost).all(axis=1)
+    hulls = _hull(outermost), _hull(outermost if finite.all() else outermost[finite])
     if layout.list_far[root]:
-        outermost += np.tile(layout.list_middle[3 * root : 3 * root + 3], 2)
+        middle = layout.list_middle[3 * root : 3 * root + 3]
+        hulls = hulls[0] + middle, hulls[1] + middle
         move_axiom(programs, table, layout, out, work, build)
-    bounded = _hull(outermost[np.isfinite(outermost).all(axis=1)])
     finish_layout(layout)
-    box = _hull(outermost)
-    return Packed(_collect(layout, out), box, bounded, whole, len(clusters), shrinks)
+    # Copies are made where nothing but the layout is left.
+    expansion.drop_items()
+    del arrays, table, sizes, work, build, outermost
+    return Packed(_collect(layout, out), *hulls, whole, len(clusters), shrinks)
+
+
+def _share_of(layout: Layout, rows: int) -> float:
+    """Return how much of a layout is done, about: flattening is half of the work."""
+    flattened = int(layout.counters[N_ROWS]) if layout.counters[AT_RUNS] == 0 else 0
+    flattened = max(flattened, int(layout.counters[AT_ROW]))
+    built = _PER_BLOCK * int(layout.counters[N_BLOCKS])
+    return 0.5 * min(1.0, flattened / rows) + 0.5 * min(1.0, built / rows)
 
 
 def _may_shrink(expansion: Expansion, table: Table, order: NDArray[np.int32]) -> bool:
@@ -190,6 +226,8 @@ def _collect(layout: Layout, out: Hierarchies) -> Blocks:
 
     rows, records = int(layout.counters[N_ROWS]), int(layout.counters[N_RECORDS])
     boxes = layout.boxes[: 6 * rows].reshape(-1, 6)
+    # Recursion ends at instances only.
+    nested = bool((layout.codes[:rows] & 7 == INSTANCE).any())
     root = layout.list_of[0]
     own = boxes[layout.list_first[root] : layout.list_end[root]]
     attributes = layout.attributes[: N_ATTRIBUTES * records]
@@ -205,7 +243,7 @@ def _collect(layout: Layout, out: Hierarchies) -> Blocks:
         operations=used(layout.operations, N_OPERATIONS),
         smalls=used(layout.smalls, N_SMALLS),
         tables=used(layout.tables, N_TABLES),
-        ref_boxes=as_single(boxes).ravel() if rows else np.zeros(6, np.float32),
+        ref_boxes=as_single(boxes if nested else boxes[:0]).ravel(),
         root=int(layout.list_block[root]),
         box=_hull(own) if len(own) else np.zeros((2, 3)),
     )

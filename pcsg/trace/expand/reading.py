@@ -17,6 +17,7 @@ from pcsg.graph.graph import Graph
 from pcsg.graph.states import StateGraph
 from pcsg.graph.stats import Counts
 from pcsg.trace.pool import ModelPool
+from pcsg.trace.preparing import UNLIMITED, Preparation
 
 if TYPE_CHECKING:
     from pcsg.graph.leaves import Leaves
@@ -59,6 +60,7 @@ class StatesReader:
         memory: int = EXPANSION_MEMORY,
         models: ModelPool | None = None,
         without: Collection[int] = frozenset(),
+        preparation: Preparation = UNLIMITED,
     ) -> Expansion | None:
         """Return a new table of all states; None where it needs more memory.
 
@@ -70,6 +72,8 @@ class StatesReader:
             Receives the models of leaves with data.
         without
             Nodes that are taken to be empty.
+        preparation
+            Is told how far it is, and asked for memory.
         """
         from pcsg.trace.expand.expansion import Expansion, TooLarge
 
@@ -78,7 +82,13 @@ class StatesReader:
 
         try:
             return Expansion(
-                self.graph, self.values, models or ModelPool(), memory, look_ahead, without
+                self.graph,
+                self.values,
+                models or ModelPool(),
+                memory,
+                look_ahead,
+                without,
+                preparation,
             )
         except TooLarge:
             return None
