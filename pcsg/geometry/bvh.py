@@ -260,7 +260,7 @@ def end_block(
     work: BuildWork,
 ) -> tuple[int, int]:
     """Write the block of the part that waits on top, of n parts; as `build_block`."""
-    order, stack, parts, hulls = work.order, work.stack, work.parts, work.hulls
+    stack, parts, hulls = work.stack, work.parts, work.hulls
     waiting -= 1
     block, level = stack[4 * waiting + 2], stack[4 * waiting + 3]
     single = max(1, work.most)
