@@ -95,7 +95,7 @@ def test_a_palette_blends_linear_colours_between_its_stops() -> None:
 
 
 def test_a_palette_of_one_stop_is_one_colour() -> None:
-    text = 'color(palette(a, 7)) sphere\npalette a { stops = ((2, (0.1, 0.2, 0.3))) }'
+    text = "color(palette(a, 7)) sphere\npalette a { stops = ((2, (0.1, 0.2, 0.3))) }"
     hits = pcsg.loads(text).intersect([[0, 0, 5]], [[0, 0, -1]])
     assert hits.color[0].tolist() == [0.1, 0.2, 0.3]
 
