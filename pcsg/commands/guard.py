@@ -99,7 +99,8 @@ def prepare_standard_files() -> None:
         except OSError:
             # It gets the lowest number that is free: this one. Other processes have it, too.
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
-        setattr(sys, name, Path(os.devnull).open("w" if number else "r", encoding="utf-8"))
+        opened = Path(os.devnull).open("w" if number else "r", encoding="utf-8")  # noqa: SIM115 -- it stays open
+        setattr(sys, name, opened)
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
 
