@@ -26,6 +26,8 @@ _LEAVES = {
     "halfspace": "plane { z, 0 }",
     "tri1": "triangle { 0, x, y }",
     "tri2": "triangle { 0, -x, -y }",
+    "disc": "disc { 0, z, 1 }",
+    "rectangle": "polygon { 4, <-1,-1,0>, <1,-1,0>, <1,1,0>, <-1,1,0> }",
 }
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 _SOLIDS = ("sphere", "sphere", "box", "box", "cylinder", "cone", "tetrahedron", "torus(0.4)")
 _CONVEX = ("sphere", "box", "cylinder", "cone", "tetrahedron", "halfspace")
-_SHEETS = ("tri1", "tri2")
+_SHEETS = ("tri1", "tri2", "disc", "rectangle")
 
 
 def assemble(rng: random.Random) -> str:

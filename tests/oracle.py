@@ -493,10 +493,14 @@ def gradient(name: str, args: Sequence[float], p: Vector) -> Vector:
 
 
 def sheet(name: str, o: Vector, d: Vector) -> list[float]:
-    """Return where a ray meets a triangle; its edges reach out by 1e-11."""
+    """Return where a ray meets a sheet; straight edges reach out by 1e-11."""
     if d[2] == 0.0:
         return []
     t = -o[2] / d[2]
+    if name in ("disc", "rectangle"):
+        x, y = o[0] + t * d[0], o[1] + t * d[1]
+        far = math.hypot(x, y) - 1.0 if name == "disc" else max(abs(x), abs(y)) - 1.0 - 1e-11
+        return [t] if far <= 0.0 else []
     s = 1.0 if name == "tri1" else -1.0
     x, y = s * (o[0] + t * d[0]), s * (o[1] + t * d[1])
     return [t] if min(x, y, 1.0 - x - y) >= -1e-11 else []
@@ -519,11 +523,11 @@ def inside(name: str, args: Sequence[float], p: Vector) -> bool:
         return (math.hypot(x, y) - 1.0) ** 2 + z * z <= args[0] ** 2
     if name == "halfspace":
         return z <= 0.0
-    assert name in ("empty", "tri1", "tri2")
+    assert name == "empty" or name in SHEETS
     return False
 
 
-SHEETS = ("tri1", "tri2")
+SHEETS = ("tri1", "tri2", "disc", "rectangle")
 
 
 # Meshes: every triangle, one by one.

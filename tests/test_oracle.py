@@ -37,8 +37,7 @@ IMPLICIT: dict[str, Callable[..., Array]] = {
     "torus": lambda p, r: np.hypot(np.hypot(p[:, 0], p[:, 1]) - 1, p[:, 2]) - r,
     "halfspace": lambda p: p[:, 2],
     "empty": lambda p: np.full(len(p), np.inf),
-    "tri1": lambda p: np.full(len(p), np.inf),
-    "tri2": lambda p: np.full(len(p), np.inf),
+    **dict.fromkeys(oracle.SHEETS, lambda p: np.full(len(p), np.inf)),
     # Barycentric coordinates with respect to the corners
     "tetrahedron": lambda p: (
         -np.linalg.solve(

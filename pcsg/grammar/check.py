@@ -270,7 +270,10 @@ def _check_part(
         return _check_palette(part, names, setting_names["palette"])
     problems = check_numbers(part.arguments.values) if part.arguments else []
     if isinstance(part, syntax.Use):
-        return [*problems, *_check_use(part, names)]
+        primitive = names.primitive_of(part)
+        if primitive is None:
+            return [*problems, *_check_use(part, names)]
+        part = primitive
     if isinstance(part, syntax.Primitive):
         return [*problems, *_check_primitive(part, names)]
     if isinstance(part, syntax.BlendUse):

@@ -172,6 +172,9 @@ class _Lowering:
                 return name
 
     def _use(self, use: syntax.Use) -> Node:
+        primitive = self.names.primitive_of(use)
+        if primitive is not None:
+            return self._leaf(primitive)
         node = self.nodes.get(use.name)
         if node is None:
             return _placeholder()

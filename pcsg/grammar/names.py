@@ -12,6 +12,7 @@ from pcsg.errors import Diagnostic, SourceSpan, UsageError, suggest
 from pcsg.grammar import syntax
 from pcsg.grammar.reach import Reach
 from pcsg.grammar.syntax import Name, Rule, Solid
+from pcsg.leaf import LEAF_NAMES
 from pcsg.leaf.registry import Constant
 
 MOST_SUGGESTIONS = 200
@@ -80,6 +81,13 @@ class Names:
         if self.suggestions > MOST_SUGGESTIONS:
             return None
         return suggest(word, chain(*candidates))
+
+    def primitive_of(self, use: syntax.Use) -> syntax.Primitive | None:
+        """Return the primitive that a name stands for where the files have none of that name."""
+        solid = LEAF_NAMES.get(use.name)
+        if solid is None or use.name in self.modules or use.name in self.definitions:
+            return None
+        return syntax.Primitive(use.name, use.arguments or syntax.Arguments(), use.span)
 
     @cached_property
     def broken_kinds(self) -> set[str]:

@@ -187,7 +187,7 @@ _LOOKALIKES = {
 
 def words() -> dict[str, tuple[str, str]]:
     """Return the type and the canonical spelling of every reserved word."""
-    found = {name: ("PRIMITIVE", name) for name in LEAF_NAMES}
+    found = {name: ("PRIMITIVE", name) for name, leaf in LEAF_NAMES.items() if not leaf.soft}
     found |= {name: ("ATTRIBUTE", name) for name in ATTRIBUTES}
     for name, transform in TRANSFORMS.items():
         found[name] = ("TRANSFORM" if transform.parameters else "MIRROR", name)

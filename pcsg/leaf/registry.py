@@ -220,6 +220,8 @@ class Solid:
         Points whose convex hull contains it, where these are fewer than a box's.
     sheet
         True for a surface without volume: its intervals have length zero.
+    soft
+        True for a name that is free for a grammar's own modules, definitions and parameters.
     primitives
         What it counts for in primitive equivalents.
     parts
@@ -235,6 +237,7 @@ class Solid:
     ball: ClassVar[tuple[Vec3, float] | None] = None
     corners: ClassVar[tuple[Vec3, ...]] = ()
     sheet: ClassVar[bool] = False
+    soft: ClassVar[bool] = False
     primitives: ClassVar[int] = 1
     parts: ClassVar[tuple[type[Solid], ...]] = ()
 

@@ -1,6 +1,9 @@
-"""Canonical triangles: sheets, which have a surface but no volume and contain no point."""
+"""Triangles, disc and rectangle: sheets, which have a surface and no volume, and contain no point."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Sequence
 
 from pcsg.jit import njit
 from pcsg.leaf.registry import Array, Pool, Solid, leaf
@@ -23,6 +26,14 @@ FAR = 1.0 + 2.0 * EDGE
 
 
 @njit(contract=True)
+def edge_reach(ray: Ray, inv: float) -> float:
+    """Return how far a flat sheet reaches over its edges; `inv` is 1 over the ray's dz."""
+    spread = (abs(ray.dx) + abs(ray.dy) + abs(ray.dz)) * abs(inv)
+    reach = ROUNDING * (abs(ray.ox) + abs(ray.oy) + abs(ray.oz)) * spread
+    return min(EDGE + reach, MOST)
+
+
+@njit(contract=True)
 def triangle_crossing(ray: Ray, sign: float, t: Array, n: int) -> int:
     """Cross the triangle (0,0,0), (sign,0,0), (0,sign,0); its one crossing is written twice."""
     if not abs(ray.dz) > FLAT:
@@ -30,9 +41,7 @@ def triangle_crossing(ray: Ray, sign: float, t: Array, n: int) -> int:
     inv = 1.0 / ray.dz
     s = (0.0 - ray.oz) * inv
     u, v = sign * (ray.ox + s * ray.dx), sign * (ray.oy + s * ray.dy)
-    spread = (abs(ray.dx) + abs(ray.dy) + abs(ray.dz)) * abs(inv)
-    reach = ROUNDING * (abs(ray.ox) + abs(ray.oy) + abs(ray.oz)) * spread
-    edge = min(EDGE + reach, MOST)
+    edge = edge_reach(ray, inv)
     if u >= -edge and v >= -edge and u + v <= 1.0 + edge:
         t[n], t[n + 1] = s, s
         return n + 2
@@ -93,3 +102,80 @@ class Tri2(Solid):
     @staticmethod
     def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
         return -p.x, -p.y
+
+
+@leaf
+class Disc(Solid):
+    """Disc of radius 1 about the origin in z = 0: a sheet without volume, whose normal is +z.
+
+    Surface coordinates: x and y, from 0 to 1.
+    """
+
+    bounds = Bounds((-1.0, -1.0, 0.0), (1.0, 1.0, 0.0))
+    ball = (Vec3(0.0, 0.0, 0.0), 1.0)
+    sheet = True
+    soft = True
+
+    @staticmethod
+    def support(d: Vec3, args: Sequence[float] | Array, at: int) -> float:
+        return math.hypot(d.x, d.y)
+
+    @staticmethod
+    def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
+        if not abs(ray.dz) > FLAT:
+            return n
+        s = (0.0 - ray.oz) / ray.dz
+        x, y = ray.ox + s * ray.dx, ray.oy + s * ray.dy
+        if x * x + y * y <= 1.0:
+            t[n], t[n + 1] = s, s
+            return n + 2
+        return n
+
+    @staticmethod
+    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
+        return Vec3(0.0, 0.0, 1.0)
+
+    @staticmethod
+    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
+        return False
+
+    @staticmethod
+    def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
+        return 0.5 + 0.5 * p.x, 0.5 + 0.5 * p.y
+
+
+@leaf
+class Rectangle(Solid):
+    """Square -1 <= x, y <= 1 in z = 0: a sheet without volume, whose normal is +z.
+
+    Its edges reach over like those of triangles, so that no ray slips through between neighbours.
+    Surface coordinates: x and y, from 0 to 1.
+    """
+
+    bounds = Bounds((-FAR, -FAR, 0.0), (FAR, FAR, 0.0))
+    sheet = True
+    soft = True
+
+    @staticmethod
+    def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
+        if not abs(ray.dz) > FLAT:
+            return n
+        inv = 1.0 / ray.dz
+        s = (0.0 - ray.oz) * inv
+        x, y = ray.ox + s * ray.dx, ray.oy + s * ray.dy
+        if max(abs(x), abs(y)) <= 1.0 + edge_reach(ray, inv):
+            t[n], t[n + 1] = s, s
+            return n + 2
+        return n
+
+    @staticmethod
+    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
+        return Vec3(0.0, 0.0, 1.0)
+
+    @staticmethod
+    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
+        return False
+
+    @staticmethod
+    def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
+        return 0.5 + 0.5 * p.x, 0.5 + 0.5 * p.y

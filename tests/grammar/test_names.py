@@ -8,7 +8,8 @@ import pytest
 
 import pcsg
 from pcsg.errors import GrammarError
-from pcsg.grammar import load_text
+from pcsg.grammar import check_text, load_text
+from pcsg.graph.nodes import Leaf
 
 FOREST = """{ größe = 2; ħ = 0.5 } БЕРЁЗА
 БЕРЁЗА if(größe > 0, 2, 1)
@@ -54,3 +55,31 @@ def test_digits_of_other_scripts_are_no_numbers() -> None:
 def test_names_end_where_blanks_do() -> None:
     with pytest.raises(GrammarError, match="bad-number"):
         load_text("{c=1ä} sphere")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{disc = 2} uscale(disc) sphere",
+        "disc | box\ndisc = sphere",
+        "disc\ndisc if(1, 1, 1)\n1: disc -> sphere",
+        "w: disc(2)\np: disc(n) -> uscale(n) sphere",
+        "material(disc) sphere\nmaterial disc { color = (1,0,0) }",
+        "{rectangle = 4} label(rectangle) sphere",
+    ],
+)
+def test_names_of_new_primitives_are_free_for_those_who_use_them(text: str) -> None:
+    graph, problems = check_text(text)
+    assert problems == []
+    assert graph is not None
+    assert {n.solid.name for n in graph.nodes if isinstance(n, Leaf)} <= {"sphere", "box"}
+
+
+def test_new_primitives_are_known_where_nobody_else_has_the_name() -> None:
+    graph, problems = check_text("disc | rotx(90) rectangle\n1: B -> disc\n")
+    assert [p.code for p in problems] == ["never-used"]
+    assert graph is not None
+    assert {n.solid.name for n in graph.nodes if isinstance(n, Leaf)} == {"disc", "rectangle"}
+    assert check_text("disc(2)")[1][0].hint == (
+        "size and place are transformations before it: `uscale(2) disc`"
+    )

@@ -21,6 +21,8 @@ SPECIFIED = {
     "tri1": 0,
     "tri2": 0,
     "empty": 0,
+    "disc": 0,
+    "rectangle": 0,
 }
 
 

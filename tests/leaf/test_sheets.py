@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numba import njit
 
+import pcsg
 from pcsg.leaf.registry import LEAVES
 from pcsg.leaf.sheets import triangle_crossing
 from pcsg.vec import Affine, Ray, compose, transform_ray
@@ -110,3 +111,30 @@ def test_boxes_include_the_tolerance(name: str) -> None:
 def test_a_ray_almost_in_the_plane_does_not_hit_beside_the_triangle() -> None:
     ray = Ray(0.0, 3.0, 0.0, 0.0, -1.0, 6e-95, 0.0, math.inf)
     assert triangle_crossing(ray, 1.0, np.zeros(8), 0) == 0
+
+
+def test_no_ray_slips_through_between_rectangles() -> None:
+    text = "rotx(31) roty(17) for(i, -3, 3) for(j, -3, 3) move(2*i, 2*j, 0) rotz(90*i) rectangle"
+    scene = pcsg.loads(text)
+    rng = np.random.default_rng(5)
+    edges = np.column_stack([rng.choice([-1.0, 1.0, 3.0], 4000), rng.uniform(-5, 5, 4000)])
+    flip = rng.random(4000) < 0.5
+    edges[flip] = edges[flip][:, ::-1]
+    a, b = np.radians(31.0), np.radians(17.0)
+    turn_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    turn_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+    points = np.column_stack([edges, np.zeros(4000)]) @ (turn_x @ turn_y).T
+    origins = rng.normal(size=(4000, 3)) * 2.0 + 9.0 * (turn_x @ turn_y)[:, 2]
+    assert scene.occluded(origins, points - origins).all()
+
+
+@pytest.mark.parametrize("name", ["disc", "rectangle"])
+def test_flat_sheets_have_the_area_that_random_rays_meet(name: str) -> None:
+    rng = np.random.default_rng(3)
+    xy = rng.uniform(-1.5, 1.5, (40_000, 2))
+    origins = np.column_stack([xy, np.ones(len(xy))])
+    scene = pcsg.loads(name)
+    hit = scene.occluded(origins, np.broadcast_to((0.0, 0.0, -1.0), origins.shape))
+    area = {"disc": math.pi, "rectangle": 4.0}[name]
+    assert 9.0 * hit.mean() == pytest.approx(area, abs=0.08)
+    assert not scene.contains(origins * (1.0, 1.0, 0.0)).any()
