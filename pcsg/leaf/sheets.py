@@ -1,4 +1,4 @@
-"""Triangles, disc and rectangle: sheets, which have a surface and no volume, and contain no point."""
+"""Triangles, disc and rectangle: sheets, which have a surface, no volume and no point inside."""
 
 from __future__ import annotations
 
