@@ -76,8 +76,6 @@ class Blocks(NamedTuple):
         Arguments of leaves.
     attributes : float64 (7 (L + 1),)
         Attribute values of leaf records, and those of nothing.
-    nodes : int64 (L + 1,)
-        Node numbers of leaf records, and -1.
     operations : int32
         Operator, number of operands, whether there are sheets below; then the operands' first
         blocks. The target of a reference is the index of the first of these.
@@ -100,7 +98,6 @@ class Blocks(NamedTuple):
     leaves: NDArray[np.int32]
     args: NDArray[np.float64]
     attributes: NDArray[np.float64]
-    nodes: NDArray[np.int64]
     operations: NDArray[np.int32]
     smalls: NDArray[np.int32]
     tables: NDArray[np.uint64]
@@ -112,6 +109,10 @@ class Blocks(NamedTuple):
     def n_blocks(self) -> int:
         """Number of blocks."""
         return len(self.refs) // WIDTH
+
+    def find_nodes(self, records: NDArray[np.int32]) -> NDArray[np.int64]:
+        """Return the node numbers of leaf records, -1 for -1."""
+        return np.where(records < 0, -1, self.leaves[3::4][records]).astype(np.int64)
 
     @property
     def nbytes(self) -> int:
@@ -371,7 +372,6 @@ class _Builder:
             leaves=np.array(leaves or [(0, 0, 0, 0)], np.int32).ravel(),
             args=np.array(args or [0.0]),
             attributes=np.array([*attributes, *ATTRIBUTE_DEFAULTS]),
-            nodes=np.array([*(record.node for record in self.groups.leaves), -1]),
             operations=np.array(operations or [0], np.int32),
             smalls=np.array(self.smalls or [0], np.int32),
             tables=np.array(self.tables or [0], np.uint64),

@@ -152,7 +152,7 @@ class FoundHits(Hits):
     @cached_property
     def leaf(self) -> Any:
         """Numbers of the leaf nodes."""
-        return self._complete("leaf", self._blocks.nodes[self._found.record])
+        return self._complete("leaf", self._blocks.find_nodes(self._found.record))
 
     @cached_property
     def uv(self) -> Any:

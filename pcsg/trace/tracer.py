@@ -179,7 +179,7 @@ class StatesTracer(StatesEngine):
 
         run_chunks(n, self.threads, work, self._pace)
         used = np.arange(2 * room) < counts[:, None]
-        leaf = self.blocks.nodes[records[used]]
+        leaf = self.blocks.find_nodes(records[used])
         table = self.blocks.attributes.reshape(-1, len(ATTRIBUTE_DEFAULTS))
         label = table[records[used], _LABEL].astype(np.int64)
         rows = np.repeat(which, np.maximum(counts, 0) // 2)

@@ -350,3 +350,9 @@ def test_points_on_surfaces_and_sheets_are_left_to_the_walker() -> None:
 def test_no_rays_have_no_spans() -> None:
     spans = pcsg.loads(scatter(2_100)).spans(np.zeros((0, 3)), np.zeros((0, 3)))
     assert spans.offsets.tolist() == [0] and len(spans.t_in) == 0
+
+
+@pytest.mark.parametrize("thing", [BALL, VILLAGE], ids=["balls", "village"])
+def test_a_primitive_takes_no_more_than_it_may(thing: str) -> None:
+    packed = pack_expansion(expand(load_text(scatter(4_000, thing))))
+    assert packed.blocks.nbytes <= 256 * packed.leaves

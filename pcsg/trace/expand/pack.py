@@ -239,7 +239,6 @@ def _collect(layout: Layout, out: Hierarchies) -> Blocks:
         leaves=used(layout.leaves, N_RECORDS, 4),
         args=used(layout.args, N_ARGS),
         attributes=np.concatenate([attributes, np.array(ATTRIBUTE_DEFAULTS)]),
-        nodes=np.append(layout.leaves[3 : 4 * records : 4], -1).astype(np.int64),
         operations=used(layout.operations, N_OPERATIONS),
         smalls=used(layout.smalls, N_SMALLS),
         tables=used(layout.tables, N_TABLES),
