@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import pcsg
+from pcsg import box, move, sphere, uscale
 from pcsg.errors import GrammarError
+from pcsg.graph.build import Prefix
 
 PREFIXES = (
     "move(1e300,0,0)",
@@ -37,6 +39,16 @@ def test_numbers_far_from_one(prefix: str) -> None:
         assert found[0].mask == found[1].mask
         assert found[0].label == found[1].label
         assert abs(int(found[0].label[0])) <= 2**53
+
+
+@pytest.mark.parametrize(
+    "prefix", [uscale(1e40), move(0, 1e300, 0), move(-1e300, 0, 1) * uscale(1e39)]
+)
+def test_boxes_beyond_single_precision_warn_of_nothing(prefix: Prefix) -> None:
+    scene = pcsg.Scene(prefix * box() | sphere())
+    assert scene.intersect([[0.0, 0.0, 5.0]], [[0.0, 0.0, -1.0]]).mask.all()
+    image = pcsg.render(scene, size=(6, 4), samples=1, camera={"eye": (0, -5, 1)})
+    assert np.isfinite(image.rgb).all()
 
 
 def test_a_fault_tells_what_its_block_had_assigned_by_then() -> None:
