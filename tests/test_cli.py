@@ -170,6 +170,7 @@ def test_settings_that_are_none_are_refused(text):
         (MemoryError(), 1, "memory"),
         (OSError(28, "No space left on device", "x.png"), 1, "x.png: No space left"),
         (RecursionError(), 2, "nested"),
+        (RuntimeError("can't start new thread"), 1, "fewer --threads"),
         (ZeroDivisionError("division"), 1, "mistake in pcsg"),
     ],
 )

@@ -67,6 +67,9 @@ def _tell(error: BaseException) -> int:
     if isinstance(error, MemoryError):
         say("error: out of memory; a smaller picture, fewer threads or a larger machine helps")
         return 1
+    if isinstance(error, RuntimeError) and "start new thread" in str(error):
+        say("error: the system allows no more threads; fewer --threads or --jobs help")
+        return 1
     if isinstance(error, OSError):
         place = f"{error.filename}: " if error.filename else ""
         say(f"error: {place}{error.strerror or error}")

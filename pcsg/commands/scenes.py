@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from pcsg.arguments import whole
 from pcsg.commands.files import check_there
 from pcsg.commands.guard import say
 from pcsg.commands.options import parse_assignments, parse_memory, parse_number
@@ -31,7 +32,7 @@ def open_scene(
     check_there(file)
     values = parse_assignments(assignments)
     if seed is not None:
-        values.setdefault("SEED", float(seed))
+        values.setdefault("SEED", float(whole(seed, "--seed", -(2**63), 2**64 - 1)))
     if time is not None:
         values.setdefault("TIME", parse_number(str(time), "--time"))
     limit = parse_memory(max_memory)

@@ -21,6 +21,7 @@ from pcsg.treemesh.joints import (
     measure_ends,
     pair_triangles,
 )
+from pcsg.treemesh.limits import check_aspect
 from pcsg.treemesh.skeleton import Floats, Ints, Limbs, Skeleton
 from pcsg.treemesh.subdivision import PolyMesh
 
@@ -381,8 +382,7 @@ def build_cage(
     factor : (2 n_limbs,)
         Enlarges the reach of joints, in the order of ``2 limb + side``.
     """
-    if max_aspect is not None and not max_aspect > 0.1:
-        raise UsageError(f"max_aspect must be larger than 0.1, or None, not {max_aspect}")
+    check_aspect(max_aspect)
     limbs = skel.limbs
     ends = measure_joints(skel, limbs, factor)
     stations = place_stations(limbs, ends.reach, max_aspect)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcsg.arguments import whole
 from pcsg.errors import UsageError
 from pcsg.treemesh.editing import detach, rotation, subtree
 from pcsg.treemesh.library import Entry, Library, frame, longest_path
@@ -86,7 +87,7 @@ def compose(
         raise UsageError("the library of subtrees is empty")
     if not (0.0 <= o.p_replace <= 1.0 and o.depth >= 1):
         raise UsageError("p_replace must lie between 0 and 1, depth must be at least 1")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(whole(seed, "seed", 0))
     skel = template.replaced(mapping=None)
     # Nodes keep their places in a queue by a number of their own, which edits carry along.
     ident = np.arange(skel.n_nodes)

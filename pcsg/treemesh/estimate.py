@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pcsg.errors import UsageError
+from pcsg.treemesh.limits import check_aspect, check_levels
 from pcsg.treemesh.skeleton import Skeleton
-from pcsg.treemesh.subdivision import check_levels
 from pcsg.treemesh.surface import SurfaceOptions
 
 BYTES = 1_300
@@ -20,6 +20,7 @@ def count_quads(skel: Skeleton, options: SurfaceOptions | None = None) -> float:
     """Return about how many quads the surface of a skeleton has; some percent too many."""
     o = options or SurfaceOptions()
     check_levels(o.levels)
+    check_aspect(o.max_aspect)
     radius = skel.radius[skel.edges].mean(axis=1)
     squares = np.ones(skel.n_edges)
     if o.max_aspect is not None:

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from pcsg.errors import UsageError
+from pcsg.treemesh.limits import check_levels
 from pcsg.treemesh.skeleton import Floats, Ints
 
 
@@ -173,18 +174,6 @@ def plan_level(flat: Ints, ptr: Ints, n_verts: int) -> Level:
     centre = n_verts + t.n_edges + t.face
     quads = np.stack([flat, ahead, centre, ahead[t.preceding]], axis=1)
     return Level(flat, ptr, t, quads)
-
-
-def check_levels(levels: int) -> None:
-    """Refuse a number of steps that is none.
-
-    Raises
-    ------
-    UsageError
-        It does not lie between 1 and 6.
-    """
-    if not 1 <= levels <= 6:
-        raise UsageError(f"levels must lie between 1 and 6, not {levels}")
 
 
 def plan_levels(flat: Ints, ptr: Ints, n_verts: int, levels: int) -> list[Level]:

@@ -125,7 +125,7 @@ FITTING: dict[str, tuple[str, ...]] = {
     "--tile": ("1/2", "2/2", "0/0", "3/2", "999999999/999999999"),
     "--max-memory": ("0", "1K", "50M", "1.5GB", "999999999999999999T", "-5M"),
     "--block-memory": ("0", "1K", "16M", "999999999999999999T"),
-    "--set": ("c=1", "c=1e9", "c=-1e300", "c=-3..1e300", "q=1", "=", "SEED=1e300", "t=2", "c=0.5"),
+    "--set": ("c=1", "c=1e3", "c=-1e300", "c=-3..1e300", "q=1", "=", "SEED=1e300", "t=2", "c=0.5"),
     "--camera": CAMERAS,
     "--sun": (*SETTINGS, "strength=0 direction=1,1,1"),
     "--sky": (*SETTINGS, "kind=image file=cube.obj", 'kind=image file="sky.hdr"', "kind=daylight"),
@@ -142,6 +142,7 @@ FITTING: dict[str, tuple[str, ...]] = {
 """What an option takes, by its long name."""
 
 COUNTS = ("0", "1", "2", "3", "-1", "16", "2147483648", "-4294967297", "18446744073709551617")
+COUNTS += ("1" + "0" * 400,)
 AMOUNTS = ("0", "1", "-1", "0.5", "2.25", "1e-300", "1e9", "1e300", "-1e300", "nan", "inf")
 
 UNTRIED = ("--render", "--help", "-h")
