@@ -39,7 +39,6 @@ WORDS = (
 
 
 def seeds() -> Sequence[str]:
-    warm_up()
     return SEEDS
 
 
@@ -53,4 +52,4 @@ def run(text: str, folder: Path) -> None:
     look_at(file)
 
 
-SUBJECT = Subject("blobs", seeds, mutate, run)
+SUBJECT = Subject("blobs", seeds, mutate, run, warm_up)

@@ -180,7 +180,6 @@ def _verb(words: Sequence[str]) -> tuple[str, ...]:
 
 
 def seeds() -> Sequence[str]:
-    warmup.run(as_json=True)
     return [_packed(list(words), {n: FILES[n] for n in FILES if n in words}) for words in SEEDS]
 
 
@@ -301,4 +300,10 @@ def call(words: Sequence[str]) -> tuple[int, str]:
     raise AssertionError("a command ends with a status")
 
 
-SUBJECT = Subject("commands", seeds, mutate, run)
+def prepare() -> None:
+    """Compile the kernels."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        warmup.run(as_json=True)
+
+
+SUBJECT = Subject("commands", seeds, mutate, run, prepare)

@@ -41,7 +41,6 @@ WORDS = (
 
 
 def seeds() -> Sequence[str]:
-    warm_up()
     files = sorted((ROOT / "grammars" / "lsystems").glob("*.lsys"))
     whole = [p.read_text(encoding="utf-8") for p in files if p.stem not in ("oak", "ternary")]
     # Small ones are quick, and every change in them matters; most of them may not grow long, since
@@ -60,4 +59,4 @@ def run(text: str, folder: Path) -> None:
     look_at(file)
 
 
-SUBJECT = Subject("lsystems", seeds, mutate, run)
+SUBJECT = Subject("lsystems", seeds, mutate, run, warm_up)

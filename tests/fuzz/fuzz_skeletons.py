@@ -55,8 +55,6 @@ WORDS = (
 
 
 def seeds() -> Sequence[str]:
-    warm_up()
-    tree_surface(Skeleton.make([[0, 0, 0], [0, 0, 1]], [0.1, 0.1], [[0, 1]]))
     skeleton = {"nodes": NODES, "edges": EDGES, "root": 0}
     tagged = {**skeleton, "tags": {"branch": [0, 0, 1, 1], "label": [1, 2, 3, 4]}}
     loop = {**skeleton, "edges": LOOP}
@@ -93,4 +91,10 @@ def _compose(file: Path) -> None:
     compose(skeleton, library, 1)
 
 
-SUBJECT = Subject("skeletons", seeds, mutate, run)
+def prepare() -> None:
+    """Load or compile the kernels."""
+    warm_up()
+    tree_surface(Skeleton.make([[0, 0, 0], [0, 0, 1]], [0.1, 0.1], [[0, 1]]))
+
+
+SUBJECT = Subject("skeletons", seeds, mutate, run, prepare)

@@ -19,7 +19,6 @@ WORDS = (*HUGE, "{", "}", "[", "]", ",", ":", '"', "null", "true", '"seed": 3,',
 
 
 def seeds() -> Sequence[str]:
-    warm_up()
     found = []
     for path in sorted(DATA.glob("*.json")):
         text = path.read_text(encoding="utf-8")
@@ -43,4 +42,4 @@ def run(text: str, folder: Path) -> None:
     look_at(file)
 
 
-SUBJECT = Subject("species", seeds, mutate, run)
+SUBJECT = Subject("species", seeds, mutate, run, warm_up)
