@@ -30,12 +30,16 @@ from pcsg.graph.nodes import (
 )
 from pcsg.vec import Affine, invert
 
+MOST_SELECTIONS = 2_000_000
+"""On a path; what is deeper than Python's recursion goes is no test for this."""
+
 # Python 3.11 keeps calls of plain Python functions off the C stack, so this is only a number.
 sys.setrecursionlimit(max(sys.getrecursionlimit(), 200_000))
 
 Vector = tuple[float, float, float]
 Row = tuple[float, float, float, float]
 Rows = tuple[Row, Row, Row]
+Turns = tuple[Rows, "Turns"] | None
 INF = math.inf
 
 
@@ -795,7 +799,7 @@ class Place:
     zero
         The world's origin in the local frame.
     turns
-        The linear parts of the inverse matrices, the outermost first.
+        The innermost inverse matrix, and the same for those around it; None where there is none.
     frame
         World from local, for world queries.
     values
@@ -809,7 +813,7 @@ class Place:
     origin: Vector
     direction: Vector
     zero: Vector
-    turns: tuple[Rows, ...]
+    turns: Turns
     frame: Rows
     values: Mapping[str, float]
     attributes: Mapping[str, float]
@@ -896,13 +900,14 @@ class _Walk:
             origin=_point(inverse, place.origin),
             direction=_direction(inverse, place.direction),
             zero=_point(inverse, place.zero),
-            turns=(*place.turns, inverse),
+            turns=(inverse, place.turns),
             frame=compose(place.frame, m),
         )
 
 
-def _world_normal(turns: Sequence[Rows], n: Vector) -> Vector:
-    for m in reversed(turns):
+def _world_normal(turns: Turns, n: Vector) -> Vector:
+    while turns is not None:
+        m, turns = turns
         x, y, z = (m[0][j] * n[0] + m[1][j] * n[1] + m[2][j] * n[2] for j in range(3))
         big = max(abs(x), abs(y), abs(z))
         n = (x / big, y / big, z / big)
@@ -1006,7 +1011,7 @@ def _start(
     o = (float(origin[0]), float(origin[1]), float(origin[2]))
     d = (float(direction[0]), float(direction[1]), float(direction[2]))
     values = {**_GLOBALS, **(globals_ or {}), **(parameters or {})}
-    return Place(o, d, (0.0, 0.0, 0.0), (), IDENTITY, values, {}, 0)
+    return Place(o, d, (0.0, 0.0, 0.0), None, IDENTITY, values, {}, 0)
 
 
 def events(
@@ -1015,7 +1020,7 @@ def events(
     direction: Sequence[float],
     parameters: Mapping[str, float] | None = None,
     globals: Mapping[str, float] | None = None,
-    depth_limit: int = 10_000,
+    depth_limit: int = MOST_SELECTIONS,
     anchor: Sequence[float] = (0.0, 0.0, 0.0),
     size: float = INF,
 ) -> list[Event]:
@@ -1057,7 +1062,9 @@ def any_(
 def contains(graph: Graph, point: Sequence[float], **options: Any) -> bool:
     """Return whether a point is in the solid."""
     place = _start(point, (0.0,) * 3, options.pop("parameters", None), options.pop("globals", None))
-    return bool(_Contains(graph, options.get("depth_limit", 10_000)).visit(graph.root, place))
+    return bool(
+        _Contains(graph, options.get("depth_limit", MOST_SELECTIONS)).visit(graph.root, place)
+    )
 
 
 def leaves(graph: Graph, **options: Any) -> list[Placed]:
@@ -1065,7 +1072,7 @@ def leaves(graph: Graph, **options: Any) -> list[Placed]:
     place = _start(
         (0.0,) * 3, (0.0,) * 3, options.pop("parameters", None), options.pop("globals", None)
     )
-    return _Leaves(graph, options.get("depth_limit", 10_000)).visit(graph.root, place)  # type: ignore[no-any-return]
+    return _Leaves(graph, options.get("depth_limit", MOST_SELECTIONS)).visit(graph.root, place)  # type: ignore[no-any-return]
 
 
 def spans(found: Sequence[Event]) -> Iterator[tuple[float, float]]:

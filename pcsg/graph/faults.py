@@ -6,8 +6,11 @@ and the values of the parameters at the place.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pcsg.errors import Diagnostic, EvaluationFault, SourceSpan
 from pcsg.graph.graph import Graph
@@ -99,9 +102,26 @@ def evaluation_fault(
     )
 
 
+def spell_path(
+    steps: NDArray[np.int64], link_of: Callable[[int], tuple[str, int]]
+) -> list[tuple[str, int]]:
+    """Return a path of steps that are numbers: of millions hardly any two may differ.
+
+    Parameters
+    ----------
+    link_of
+        Returns the module and the rule that a number stands for.
+    """
+    different, which = np.unique(steps, return_inverse=True)
+    links = np.empty(len(different), object)
+    for k, step in enumerate(different.tolist()):
+        links[k] = link_of(step)
+    return links[which].tolist()  # type: ignore[no-any-return]
+
+
 def format_path(path: Sequence[tuple[str, int]]) -> str:
     """Return a derivation path as text: its last modules, repetitions of one rule counted."""
-    runs = [(*step, sum(1 for _ in same)) for step, same in groupby(path)]
+    runs = [(*step, len(list(same))) for step, same in groupby(path)]
     parts = [f"{name}:{rule}" + (f" ({n} times)" if n > 1 else "") for name, rule, n in runs]
     if len(parts) > _PATH_SHOWN:
         parts = ["...", *parts[-_PATH_SHOWN:]]

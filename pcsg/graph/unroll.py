@@ -9,9 +9,10 @@ from struct import Struct
 
 from pcsg.errors import Diagnostic, UsageError
 from pcsg.graph.attributes import ATTRIBUTE_SLOTS
-from pcsg.graph.code import GraphCode, NodeFault, compose_affine, invert_affine
+from pcsg.graph.code import GraphCode, NodeFault, compose_affine
+from pcsg.graph.depth import MOST_SELECTIONS, check_depth
 from pcsg.graph.expr import asks_world, parameters_of
-from pcsg.graph.faults import BAD_ARGUMENT, DEPTH_LIMIT, TOO_MANY_MODELS, fault_diagnostic
+from pcsg.graph.faults import BAD_ARGUMENT, TOO_MANY_MODELS, fault_diagnostic
 from pcsg.graph.graph import Graph
 from pcsg.graph.liveness import Liveness, successors_first
 from pcsg.graph.nodes import Leaf, Operation, Selection, Transformation
@@ -52,7 +53,7 @@ def enumerate_states(
     graph: Graph,
     globals_values: Mapping[str, float] | None = None,
     budget: int = BUDGET,
-    depth_limit: int = 10_000,
+    depth_limit: int = MOST_SELECTIONS,
     starts: Sequence[Start] | None = None,
     without: Collection[int] = (),
 ) -> StateGraph:
@@ -82,7 +83,7 @@ def enumerate_states(
         unroller.give_up()
         return unroller.found
     unroller.run(starts)
-    _check_depth(unroller.found, depth_limit)
+    check_depth(unroller.found, depth_limit)
     return unroller.found
 
 
@@ -349,92 +350,3 @@ def cuts(graph: Graph) -> set[int]:
             found.add(k)
             size[k] = 1
     return found
-
-
-def _check_depth(found: StateGraph, limit: int) -> None:
-    """Report a path with more selections than allowed, and recursion without end.
-
-    A frame that shrinks below rounding on the way ends the recursion and is no fault.
-    """
-    position = {k: i for i, k in enumerate(found.children_first)}
-    for k in found.children_first:
-        back = [s for s in found.successors[k] if position[s] >= position[k]]
-        if back:
-            found.acyclic = False
-            chain = found._chain(back[0])
-            cycle = _way(found, back[0], k)
-            rounds = 1 + limit // max(1, sum(found._is_selection(s) for s in cycle))
-            _report_depth(found, chain + (cycle[1:] + cycle[:1]) * rounds, limit)
-            return
-    depth = [0] * len(found.states)
-    deepest = [-1] * len(found.states)
-    for k in found.children_first:
-        for s in found.successors[k]:
-            if deepest[k] < 0 or depth[s] > depth[deepest[k]]:
-                deepest[k] = s
-        below = depth[deepest[k]] if deepest[k] >= 0 else 0
-        depth[k] = below + found._is_selection(k)
-    if depth[0] > limit:
-        chain, k = [], deepest[0]
-        while k >= 0:
-            chain.append(k)
-            k = deepest[k]
-        _report_depth(found, chain, limit)
-
-
-def _way(found: StateGraph, start: int, end: int) -> list[int]:
-    """Return a way from one state to another, both included."""
-    before = {start: start}
-    queue = [start]
-    for k in queue:
-        if k == end:
-            break
-        for s in found.successors[k]:
-            if s not in before:
-                before[s] = k
-                queue.append(s)
-    way = [end]
-    while way[-1] != start:
-        way.append(before[way[-1]])
-    return way[::-1]
-
-
-def _report_depth(found: StateGraph, chain: list[int], limit: int) -> None:
-    """Report a chain of states that exceeds the limit, unless its frame shrinks to nothing."""
-    local_from_world = IDENTITY
-    path: list[tuple[str, int]] = []
-    above = 0
-    for k in chain:
-        content = found.states[above].content or ()
-        item = next(i for i in content if isinstance(i, StateItem) and i.state == k)
-        local_from_world = compose_affine(invert_affine(item.state_from_child)[0], local_from_world)
-        if _is_shrunk(local_from_world):
-            return
-        above = k
-        if found._is_selection(k):
-            path.append(found._link(k))
-        if len(path) > limit:
-            break
-    last = found.states[above]
-    slots = tuple(found.graph.slots)
-    live = Liveness(found.graph).slots[last.start]
-    values = {slots[i]: v for i, v in zip(live, last.values, strict=True)}
-    found.diagnostics.append(
-        fault_diagnostic(
-            DEPTH_LIMIT,
-            found.graph,
-            last.node,
-            None,
-            path,
-            values,
-            f"more than {limit} modules on a path",
-        )
-    )
-
-
-def _is_shrunk(m: Affine) -> bool:
-    """Return whether a frame is below rounding; see docs/solids.md, ends of recursion."""
-    # The negations also answer for NaN, from products beyond the range of numbers.
-    near = max(abs(m.m03), abs(m.m13), abs(m.m23)) <= 2.0**52
-    linear = (m.m00, m.m01, m.m02, m.m10, m.m11, m.m12, m.m20, m.m21, m.m22)
-    return not near or not max(map(abs, linear)) <= 1e150

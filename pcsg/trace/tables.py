@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS, ATTRIBUTE_SLOTS
+from pcsg.graph.depth import MOST_SELECTIONS
 from pcsg.graph.expr import Number, as_expr, functions_of, parameters_of
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.graph import FRAME_SLOTS, GLOBALS, Graph
@@ -255,7 +256,7 @@ def pack(
     graph: Graph,
     boxes: NDArray[np.float64],
     values: Mapping[str, float] = GLOBALS,
-    depth_limit: int = 10_000,
+    depth_limit: int = MOST_SELECTIONS,
     models: Models = NO_MODELS,
 ) -> tuple[Tables, Program]:
     """Pack a graph.

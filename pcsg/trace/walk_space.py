@@ -216,6 +216,17 @@ def leave_events(event_about: NDArray[np.int32], k: int) -> int:
     return k
 
 
+@njit(entry=True)
+def follow_chain(chain: NDArray[np.int32], end: int, path: NDArray[np.int32]) -> int:
+    """Write the entries of a chain from its end up to `path`; return how many there are."""
+    n = 0
+    while end >= 0:
+        path[n] = end
+        n += 1
+        end = chain[3 * end]
+    return n
+
+
 @njit
 def note_fault(fault: NDArray[np.int32], node: int, instruction: int, chain: int) -> None:
     """Write where a fault was found."""

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcsg.errors import EnvironmentFault, EvaluationFault
 from pcsg.graph import faults
 from pcsg.graph.bounds import hyper_boxes
+from pcsg.graph.depth import MOST_SELECTIONS
 from pcsg.graph.expr import Parameter
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.nodes import Leaf, Node, Selection
@@ -40,8 +41,8 @@ from pcsg.trace.pool import pool_of
 from pcsg.trace.precision import extent_of
 from pcsg.trace.rays import Pace, Rays, check_points, check_rays, count_processors, run_chunks
 from pcsg.trace.surface import Surface, make_surface
-from pcsg.trace.tables import Models, Tables, pack
-from pcsg.trace.walk_space import PRECISION, RECORD, Scratch
+from pcsg.trace.tables import SELECTION, Models, Tables, pack
+from pcsg.trace.walk_space import PRECISION, RECORD, Scratch, follow_chain
 
 
 class _Buffers:
@@ -50,58 +51,70 @@ class _Buffers:
     def __init__(self, tables: Tables, max_bytes: int) -> None:
         self._tables = tables
         self._max_bytes = max_bytes
-        self._frames, self._chain, self._events, self._records = 256, 1024, 256, 128
-        self._crossings = 64
+        self._sizes = {"frames": 256, "chain": 1024, "events": 256, "records": 128}
+        self._sizes["crossings"] = 64
         self.scratch = self._allocate()
 
     def grow(self, status: int) -> None:
-        """Double what was too small.
+        """Make larger what was too small: by much, because a deep ray begins again.
 
         Raises
         ------
         EnvironmentFault
             The memory for this thread is used up.
         """
-        if status == ended.FRAMES_FULL:
-            self._frames *= 2
-        elif status == ended.CHAIN_FULL:
-            self._chain *= 2
-        elif status == ended.EVENTS_FULL:
-            self._events *= 2
-        elif status == ended.CROSSINGS_FULL:
-            self._crossings *= 2
-        else:
-            self._records *= 2
+        name = _GROWING[status]
+        for factor in (8, 4, 2):
+            sizes = self._sizes | {name: factor * self._sizes[name]}
+            if self._count_bytes(sizes) <= self._max_bytes:
+                self._sizes = sizes
+                self.scratch = self._allocate()
+                return
+        raise EnvironmentFault(
+            f"a ray needs more than {self._max_bytes >> 20} MB of working memory for its "
+            "intervals and the depth of the recursion; raise --max-memory, or subtract and "
+            "intersect smaller parts"
+        )
+
+    def _count_bytes(self, sizes: Mapping[str, int]) -> int:
         per_frame = 40 + 8 * (9 + len(self._tables.initial))
-        wanted = self._frames * per_frame + self._chain * 108 + self._events * 32
-        wanted += self._records * (8 * RECORD + 12) + self._crossings * 8
-        if wanted > self._max_bytes:
-            raise EnvironmentFault(
-                f"a ray needs more than {self._max_bytes >> 20} MB of working memory for its "
-                "intervals; raise --max-memory, or subtract and intersect smaller parts"
-            )
-        self.scratch = self._allocate()
+        return (
+            sizes["frames"] * per_frame
+            + sizes["chain"] * 108
+            + sizes["events"] * 32
+            + sizes["records"] * (8 * RECORD + 12)
+            + sizes["crossings"] * 8
+        )
 
     def _allocate(self) -> Scratch:
         p = len(self._tables.initial)
+        frames, chain, events, records, crossings = self._sizes.values()
         return Scratch(
-            frames=np.zeros(self._frames * 10, np.int32),
-            states=np.zeros(self._frames * (9 + p)),
-            chain=np.zeros(self._chain * 3, np.int32),
-            chain_matrices=np.zeros(self._chain * 12),
-            event_t=np.zeros(self._events),
-            event_about=np.zeros(self._events * 2, np.int32),
-            merged_t=np.zeros(self._events),
-            merged_about=np.zeros(self._events * 2, np.int32),
-            records=np.zeros(self._records * RECORD),
-            record_about=np.zeros(self._records * 3, np.int32),
+            frames=np.zeros(frames * 10, np.int32),
+            states=np.zeros(frames * (9 + p)),
+            chain=np.zeros(chain * 3, np.int32),
+            chain_matrices=np.zeros(chain * 12),
+            event_t=np.zeros(events),
+            event_about=np.zeros(events * 2, np.int32),
+            merged_t=np.zeros(events),
+            merged_about=np.zeros(events * 2, np.int32),
+            records=np.zeros(records * RECORD),
+            record_about=np.zeros(records * 3, np.int32),
             params=np.zeros(p),
             stack=np.zeros(self._tables.stack_size),
-            t=np.zeros(self._crossings),
+            t=np.zeros(crossings),
             best=np.zeros(PRECISION + 2),
             fault=np.zeros(3, np.int32),
         )
 
+
+_GROWING = {
+    ended.FRAMES_FULL: "frames",
+    ended.CHAIN_FULL: "chain",
+    ended.EVENTS_FULL: "events",
+    ended.RECORDS_FULL: "records",
+    ended.CROSSINGS_FULL: "crossings",
+}
 
 _FAULTS = {
     ended.NOT_FINITE: faults.NOT_FINITE,
@@ -146,7 +159,7 @@ class Walker:
         values: Mapping[str, float] = GLOBALS,
         *,
         boxes: NDArray[np.float64] | None = None,
-        depth_limit: int = 10_000,
+        depth_limit: int = MOST_SELECTIONS,
         threads: int | None = None,
         max_bytes: int = 1 << 30,
         states: StateGraph | None = None,
@@ -366,24 +379,27 @@ class Walker:
     def _fault(self, status: int, scratch: Scratch) -> EvaluationFault:
         """Tell a fault with its place, its derivation path and its parameters."""
         node, instruction, end = (int(x) for x in scratch.fault)
-        path = []
-        while end >= 0:
-            parent, through, rule = (int(x) for x in scratch.chain[3 * end : 3 * end + 3])
-            module = self.graph.nodes[through]
-            if isinstance(module, Selection):
-                path.append((module.name, rule))
-            end = parent
+        entries = np.zeros(end + 1, np.int32)
+        entries = entries[: follow_chain(scratch.chain, end, entries)][::-1]
+        _, through, rules = scratch.chain.reshape(-1, 3)[entries].T.astype(np.int64)
+        steps = (through << 32 | rules)[self.tables.kind[through] == SELECTION]
+        path = faults.spell_path(steps, self._link_of)
         span = self._program.span(instruction) if instruction >= 0 else None
         values = {
             name: float(scratch.params[slot])
             for name, slot in self.graph.slots.items()
             if not name.startswith("@") and not math.isnan(scratch.params[slot])
         }
-        path.reverse()
         detail = self._fault_detail(status, node, instruction, scratch)
         return faults.evaluation_fault(
             _FAULTS[status], self.graph, node, span, path, values, detail
         )
+
+    def _link_of(self, step: int) -> tuple[str, int]:
+        """Return the name of a module and the number of a rule, from one number for both."""
+        module = self.graph.nodes[step >> 32]
+        assert isinstance(module, Selection)
+        return module.name, step & 0xFFFFFFFF
 
     def _fault_detail(self, status: int, node: int, instruction: int, scratch: Scratch) -> str:
         """Return what the walker knows of a fault beyond its kind."""

@@ -10,13 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.errors import Diagnostic, UsageError
+from pcsg.graph.depth import MOST_SELECTIONS, depth_fault
 from pcsg.graph.expr import Number
-from pcsg.graph.faults import TOO_MANY_MODELS, fault_diagnostic
+from pcsg.graph.faults import TOO_MANY_MODELS, fault_diagnostic, spell_path
 from pcsg.graph.graph import Graph
-from pcsg.graph.nodes import Leaf
+from pcsg.graph.nodes import Leaf, Selection
 from pcsg.graph.states import State, StateGraph
 from pcsg.graph.unroll import MODELS_BYTES, MODELS_LIMIT, find_faults
 from pcsg.trace.expand.clusters import order_states
+from pcsg.trace.expand.depth import (
+    chain_above,
+    chain_below,
+    deepest_above,
+    deepest_below,
+    shrinks,
+)
 from pcsg.trace.expand.programs import L_ARGS, LEAF_FIELDS, Programs, ProgramWriter
 from pcsg.trace.expand.table import (
     COUNTERS,
@@ -124,6 +132,8 @@ class Expansion:
                 self.table, order, np.zeros(n, np.int32), np.zeros(2 * n + 2, np.int32)
             )
             self.order = order if found < 0 else None
+            if n > MOST_SELECTIONS and self.order is not None:
+                self._check_depth(self.order)
 
     @property
     def n_states(self) -> int:
@@ -186,6 +196,8 @@ class Expansion:
                 self._report(int(self.table.counters[F_STATE]))
                 return False
             if status == FULL:
+                if self.n_states > MOST_SELECTIONS and self._is_too_deep():
+                    return False
                 used = _used_bytes(self.table)
                 if used > max_bytes:
                     raise TooLarge
@@ -195,6 +207,52 @@ class Expansion:
             elif not looked and self.n_states > _EARLY:
                 looked = True
                 expected = self._look_ahead(max_bytes)
+
+    def _is_too_deep(self) -> bool:
+        """Report a path with too many selections among those that found states."""
+        depth = np.zeros(self.n_states, np.int32)
+        deepest = deepest_above(self.table, self._selects, depth)
+        if depth[deepest] <= MOST_SELECTIONS:
+            return False
+        return self._report_depth(chain_above(self.table, deepest))
+
+    def _check_depth(self, order: NDArray[np.int32]) -> None:
+        """Report a path with too many selections."""
+        depth, below = np.zeros((2, self.n_states), np.int32)
+        deepest_below(self.table, order, self._selects, depth, below)
+        if depth[0] > MOST_SELECTIONS:
+            self._report_depth(chain_below(below))
+
+    @property
+    def _selects(self) -> NDArray[np.bool_]:
+        """Which modules are selections."""
+        nodes = (self.graph.nodes[n] for n in self._writer.module_nodes)
+        return np.array([isinstance(node, Selection) for node in nodes])
+
+    def _report_depth(self, chain: NDArray[np.int32]) -> bool:
+        """Report a chain of states that is too deep, unless its frame shrinks to nothing."""
+        table = self.table
+        steps = np.flatnonzero(self._selects[table.module[chain[1:]]])[: MOST_SELECTIONS + 1]
+        chain = chain[: int(steps[-1]) + 2]
+        if shrinks(table, chain):
+            return False
+        inner = chain[1:][self._selects[table.module[chain[1:]]]]
+        steps = table.module[inner].astype(np.int64) << 32 | table.program[inner]
+        path = spell_path(steps, lambda step: self._name_of(step >> 32, step & 0xFFFFFFFF))
+        last = int(chain[-1])
+        n, _, start = self.link_of(int(table.module[last]), int(table.program[last]))
+        names = tuple(self.graph.slots)
+        live = self._writer.liveness.slots[start]
+        numbers = table.values[table.values_at[last] : table.values_at[last + 1]].tolist()
+        values = {names[slot]: x for slot, x in zip(live, numbers, strict=True)}
+        self.diagnostics.append(depth_fault(self.graph, n, path, values, MOST_SELECTIONS))
+        return True
+
+    def _name_of(self, module: int, program: int) -> tuple[str, int]:
+        n, rule, _ = self.link_of(module, program)
+        node = self.graph.nodes[n]
+        assert isinstance(node, Selection)
+        return node.name, rule
 
     def _look_ahead(self, max_bytes: int) -> float | None:
         """Return how many states are expected, None where nobody knows.
