@@ -29,16 +29,28 @@ Make = Callable[..., Tracer]
 
 
 def make_states(
-    graph: Graph, values: Mapping[str, float] = GLOBALS, *, threads: int | None = None
+    graph: Graph,
+    values: Mapping[str, float] = GLOBALS,
+    *,
+    threads: int | None = None,
+    walker: Walker | None = None,
 ) -> StatesTracer:
-    """Return the engine of states; a graph that it cannot take is a mistake of the test."""
+    """Return the engine of states; a graph that it cannot take is a mistake of the test.
+
+    Who has a walker of the graph may give it, as to the other engines: it takes long to make.
+    """
     states = enumerate_states(graph, values)
     assert states.finite and states.acyclic and not states.diagnostics
-    return trace_states(graph, states, lambda: Walker(graph, values, threads=threads), threads)
+    make_walker = lambda: walker or Walker(graph, values, threads=threads)  # noqa: E731
+    return trace_states(graph, states, make_walker, threads)
 
 
 def make_expanded(
-    graph: Graph, values: Mapping[str, float] = GLOBALS, *, threads: int | None = None
+    graph: Graph,
+    values: Mapping[str, float] = GLOBALS,
+    *,
+    threads: int | None = None,
+    walker: Walker | None = None,
 ) -> StatesTracer:
     """Return the engine of states, prepared in compiled code."""
     models = pool_of(graph)
@@ -46,7 +58,7 @@ def make_expanded(
     return StatesTracer(
         packed.blocks,
         models,
-        lambda: Walker(graph, values, threads=threads),
+        lambda: walker or Walker(graph, values, threads=threads),
         threads,
         lambda: packed.may_shrink,
     )
@@ -58,12 +70,13 @@ def make_lazy(
     *,
     threads: int | None = None,
     block_memory: int = BLOCK_MEMORY,
+    walker: Walker | None = None,
 ) -> LazyTracer:
     """Return the engine of lazy states, whether it is needed or not."""
     return LazyTracer(
         make_recipes(graph, values),
         values,
-        walker=lambda: Walker(graph, values, threads=threads),
+        walker=lambda: walker or Walker(graph, values, threads=threads),
         threads=threads,
         block_memory=block_memory,
     )

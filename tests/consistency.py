@@ -47,15 +47,15 @@ def opened(whole: int, references: int) -> Iterator[None]:
             setattr(blocks, name, value)
 
 
-def fast_tracers(graph: Graph) -> Iterator[tuple[str, Tracer]]:
+def fast_tracers(graph: Graph, walker: Walker) -> Iterator[tuple[str, Tracer]]:
     """Yield the engines of states: opened, not opened, and on demand where that can be."""
-    yield "states", make_states(graph)
-    yield "expanded", make_expanded(graph)
+    yield "states", make_states(graph, walker=walker)
+    yield "expanded", make_expanded(graph, walker=walker)
     with opened(0, 0):
-        yield "states, closed", make_states(graph)
-        yield "expanded, closed", make_expanded(graph)
+        yield "states, closed", make_states(graph, walker=walker)
+        yield "expanded, closed", make_expanded(graph, walker=walker)
     with suppress(NoRecipe):
-        yield "on demand", make_lazy(graph, block_memory=0)
+        yield "on demand", make_lazy(graph, block_memory=0, walker=walker)
 
 
 def check_engines(graph: Graph, rays: Rays) -> int:
@@ -63,8 +63,9 @@ def check_engines(graph: Graph, rays: Rays) -> int:
     walker = Walker(graph)
     expected = walker.intersect(*rays)
     check_walker(walker, rays, expected)
-    check_limits(walker, make_states(graph), rays)
-    for name, tracer in fast_tracers(graph):
+    for name, tracer in fast_tracers(graph, walker):
+        if name == "states":
+            check_limits(walker, tracer, rays)
         found = tracer.intersect(*rays)
         blocked = tracer.occluded(*rays)
         same = np.abs(found.normal - expected.normal).max(axis=1) <= 1e-6

@@ -46,7 +46,8 @@ def run(text: str, _folder: Path) -> None:
         return
     # Whether a ray that starts on a surface meets it is a matter of rounding.
     few = slice(0, 2 * RAYS, 4)
-    for tracer in (Walker(graph), make_states(graph)):
+    walker = Walker(graph)
+    for tracer in (walker, make_states(graph, walker=walker)):
         judge = Judge(tracer, graph)
         found = tracer.intersect(rays[0][few], rays[1][few])
         for i, ray in enumerate(zip(rays[0][few].tolist(), rays[1][few].tolist(), strict=True)):
