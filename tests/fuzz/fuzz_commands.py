@@ -143,7 +143,7 @@ FITTING: dict[str, tuple[str, ...]] = {
 
 COUNTS = ("0", "1", "2", "3", "-1", "16", "2147483648", "-4294967297", "18446744073709551617")
 COUNTS += ("1" + "0" * 400,)
-AMOUNTS = ("0", "1", "-1", "0.5", "2.25", "1e-300", "1e9", "1e300", "-1e300", "nan", "inf")
+AMOUNTS = ("0", "1", "-1", "0.5", "2.25", "1e-320", "1e9", "1e300", "-1e308", "nan", "inf")
 
 UNTRIED = ("--render", "--help", "-h")
 """Options that other commands do the work of, or none."""
