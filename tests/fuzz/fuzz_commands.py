@@ -150,10 +150,16 @@ UNTRIED = ("--render", "--help", "-h")
 
 
 @cache
+def _command() -> Any:
+    """Return what the command line is made of, which takes longer than many a command."""
+    return typer.main.get_command(app)
+
+
+@cache
 def _options() -> dict[tuple[str, ...], list[tuple[str, Sequence[str]]]]:
     """Return the options of every verb, and what they may take; nothing for switches."""
     found = {}
-    todo: list[tuple[tuple[str, ...], Any]] = [((), typer.main.get_command(app))]
+    todo: list[tuple[tuple[str, ...], Any]] = [((), _command())]
     while todo:
         words, command = todo.pop()
         todo += [((*words, n), c) for n, c in getattr(command, "commands", {}).items()]
@@ -294,7 +300,7 @@ def call(words: Sequence[str]) -> tuple[int, str]:
         contextlib.redirect_stderr(told),
     ):
         try:
-            typer.main.get_command(app)(words, prog_name="pcsg")
+            _command()(words, prog_name="pcsg")
         except SystemExit as end:
             return int(end.code or 0), told.getvalue()
     raise AssertionError("a command ends with a status")
