@@ -7,6 +7,7 @@ import resource
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from benchmarks.meshes import Triangles
@@ -95,14 +96,37 @@ object {{ S0 pigment {{ color rgb 0.7 }} }}
 """
 
 
-def run(text: str, size: int, threads: int = 1) -> dict[str, float]:
-    """Return processor seconds and rays of a picture."""
+def write_view(view: View, aspect: float, objects: Iterable[str]) -> str:
+    """Return a scene file of objects with one light that casts shadows."""
+    eye, target = (",".join(f"{x:.9g}" for x in p) for p in (view.eye, view.target))
+    return "\n".join(
+        [
+            "#version 3.7;",
+            "global_settings { assumed_gamma 1 max_trace_level 5 }",
+            f"camera {{ location <{eye}> up y right {-aspect:.9g}*x sky z angle {view.fov}"
+            f" look_at <{target}> }}",
+            "light_source { <4e3,-6e3,7e3> color rgb 2 parallel point_at 0 }",
+            *objects,
+        ]
+    )
+
+
+def run(
+    text: str, size: int, threads: int = 1, height: int | None = None, smooth: bool = False
+) -> dict[str, float]:
+    """Return processor seconds and rays of a picture, square unless there is a height.
+
+    Parameters
+    ----------
+    smooth
+        Whether edges are antialiased.
+    """
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "scene.pov"
         source.write_text(text, encoding="utf-8")
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        command = ["povray", f"+I{source}", f"+O{folder}/out.png", f"+W{size}", f"+H{size}"]
-        command += ["-D", "-A", f"+WT{threads}", "+V"]
+        command = ["povray", f"+I{source}", f"+O{folder}/out.png", f"+W{size}"]
+        command += [f"+H{height or size}", "-D", "+A" if smooth else "-A", f"+WT{threads}", "+V"]
         told = subprocess.run(command, capture_output=True, text=True, check=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

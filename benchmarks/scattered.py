@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from benchmarks import povray
 from benchmarks.rays import make_rays
-from benchmarks.report import Effort, Row, Subject, best_times
+from benchmarks.report import Effort, Row, Subject, best_times, measure_command, ratio
 from benchmarks.scenes import GRAMMARS_HERE
-from benchmarks.views import Floats
+from benchmarks.views import Floats, look_at
 from pcsg.grammar import load_text
 from pcsg.scene import Scene
 
@@ -61,6 +65,7 @@ def _measure(name: str, effort: Effort, text: str, **values: float) -> tuple[Row
 
 
 def scattered(effort: Effort) -> Iterator[Row]:
+    yield from _beside_povray(effort)
     sizes = SIZES[:1] if effort.tiny else SIZES
     rates = []
     for n in sizes:
@@ -82,6 +87,78 @@ def scattered(effort: Effort) -> Iterator[Row]:
     (row, a), (_, b) = (_measure("box less 3,000 balls, one by one", effort, t) for t in texts)
     yield Row(row.what + ", over their union", row.values, a / b, 0.8)
     yield from _questions(effort)
+
+
+def _beside_povray(effort: Effort) -> Iterator[Row]:
+    """The whole of two pictures, from the text on, in processor time of the whole process."""
+    n = 100 if effort.tiny else 20_000
+    boxes = _write_boxes(n)
+    text = "{} (" + "\n | ".join(ours for ours, _ in boxes) + ")\n"
+    view = look_at(np.array([[-50.0, -50.0, 0.0], [50.0, 50.0, 20.0]]))
+    scene = povray.write_view(view, 4 / 3, (theirs for _, theirs in boxes))
+    peer = povray.run(scene, 400, height=300, smooth=True)["seconds"] if povray.is_there() else None
+    with tempfile.TemporaryDirectory() as folder:
+        path, out = Path(folder) / "written.pcsg", Path(folder) / "out.png"
+        path.write_text(text, encoding="utf-8")
+        checked = _processor("check", str(path))
+        drawn = _processor(
+            "render", str(path), "-q", "--size", "400x300", "--camera", view.option, "-o", str(out)
+        )
+    for what, seconds, target in (("checked", checked, 4.0), ("400x300 picture", drawn, 6.0)):
+        values = (None, None, n / seconds / 1e6, None)
+        name = f"{n:,} boxes written in a text, {what}, time over POV-Ray's"
+        yield Row(name, values, ratio(seconds, peer), target, at_most=True)
+    yield from _balls_beside_povray(effort)
+
+
+def _balls_beside_povray(effort: Effort) -> Iterator[Row]:
+    n, width = (100.0, 64) if effort.tiny else (10_000.0, 1600)
+    scene = Scene(load_text(_text("balls")), {"n": n}, threads=1)
+    view = look_at(scene.bounds)
+    peer = None
+    if povray.is_there():
+        balls = (
+            f"sphere {{ <{m[0, 3]:.9g},{m[1, 3]:.9g},{m[2, 3]:.9g}>, {m[0, 0]:.9g}"
+            " pigment { color rgb 0.7 } }"
+            for leaves in scene.leaves()
+            for m in leaves.matrix
+        )
+        text = povray.write_view(view, 4 / 3, balls)
+        peer = povray.run(text, width, height=3 * width // 4)["seconds"]
+    with tempfile.TemporaryDirectory() as folder:
+        # One light, as there: no light of the sky.
+        path, out = Path(folder) / "balls.pcsg", Path(folder) / "out.png"
+        path.write_text(_text("balls") + "\nsky { strength = 0 }\n", encoding="utf-8")
+        seconds = _processor(
+            *("render", str(path), "-q", f"-Dn={n}", "--samples", "1", "--mode", "direct"),
+            *("--size", f"{width}x{3 * width // 4}", "--camera", view.option, "-o", str(out)),
+        )
+    values = (None, None, n / seconds / 1e6, None)
+    name = f"{n:,.0f} balls, {width}x{3 * width // 4}, POV-Ray's time over ours"
+    yield Row(name, values, ratio(peer, seconds), 2.0)
+
+
+def _write_boxes(n: int) -> list[tuple[str, str]]:
+    """Return coloured boxes as scripts write them, for us and for POV-Ray."""
+    rng = np.random.default_rng(1)
+    rows = rng.uniform(
+        (0, 0, 0, -50, -50, 0, 0, 0.1, 0.1), (1, 1, 1, 50, 50, 20, 360, 1, 1), (n, 9)
+    ).round(4)
+    return [
+        (
+            f"color({r},{g},{b}) move({x},{y},{z}) rotz({a}) scale({u},{v},1) box",
+            f"box {{ -1, 1 scale <{u},{v},1> rotate <0,0,{a}> translate <{x},{y},{z}>"
+            f" pigment {{ color rgb <{r},{g},{b}> }} }}",
+        )
+        for r, g, b, x, y, z, a, u, v in rows.tolist()
+    ]
+
+
+def _processor(*arguments: str) -> float:
+    """Return the processor seconds of a command, warm."""
+    command = [sys.executable, "-m", "pcsg", *arguments]
+    measure_command(command)
+    return min(measure_command(command)[1] for _ in range(3))
 
 
 def _questions(effort: Effort) -> Iterator[Row]:
