@@ -57,7 +57,7 @@ CATALOGUE: dict[str, Mistake] = {
         Mistake(
             "file-too-large",
             _F,
-            "Grammars are small; a file above 16 MB, or of more than 600,000 words, numbers and "
+            "Grammars are small; a file above 16 MB, or of more than 1,700,000 words, numbers and "
             "signs, is not one. The brackets and commas of `move(1,-2,3)` do not count.",
         ),
         Mistake("not-utf8", _F, "Grammars are UTF-8 text. The caret stands at the first bad byte."),

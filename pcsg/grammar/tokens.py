@@ -196,8 +196,10 @@ def words() -> dict[str, tuple[str, str]]:
     return found | {"not": ("NOT", "not"), "else": ("ELSE", "else")}
 
 
-MAX_TOKENS = 600_000
-"""Most tokens of a file, `Token.size` added up; their syntax takes seconds, and half a gigabyte."""
+MAX_TOKENS = 1_700_000
+"""Most tokens of a file, `Token.size` added up: a hundred thousand solids with colours and places.
+
+Reading them takes up to ten seconds, and less than a gigabyte."""
 
 LOOPS = {"for": "FOR", "repeat": "REPEAT"}
 """Names that stand for a loop where a solid may, before `(`, and their types there."""
