@@ -163,7 +163,12 @@ def _processor(*arguments: str) -> float:
 
 def _questions(effort: Effort) -> Iterator[Row]:
     """Points, and whole lines."""
-    scene, _ = _prepare(_text("balls"), n=10_000.0)
+    for what, name in (("10,000 balls", "balls"), ("10,000 instances of a house", "houses")):
+        yield from _question_rows(effort, what, name)
+
+
+def _question_rows(effort: Effort, what: str, name: str) -> Iterator[Row]:
+    scene, _ = _prepare(_text(name), n=10_000.0)
     rng = np.random.default_rng(1)
     points = rng.uniform(*scene.bounds, (100_000, 3))
     ways = rng.normal(size=points.shape)
@@ -174,9 +179,9 @@ def _questions(effort: Effort) -> Iterator[Row]:
         "spans": partial(scene.spans, points, ways),
     }
     times = best_times(contestants, effort.repeats)
-    for name, target in (("contains", 0.5), ("spans", 0.1)):
-        rate = len(points) / times[name] / 1e6
-        yield Row(f"10,000 balls, {name}", (None, rate, None, None), rate, target)
+    for asked, target in (("contains", 0.5), ("spans", 0.1)):
+        rate = len(points) / times[asked] / 1e6
+        yield Row(f"{what}, {asked}", (None, rate, None, None), rate, target)
 
 
 SCATTERED = Subject(

@@ -225,7 +225,18 @@ class Scene:
                 return True
         if self.states.finite and not self.states.acyclic:
             self._obstacle = "a module of the grammar leads back to itself with the same values"
-        return self.states.finite and self.states.acyclic
+        unrolled = self.states.finite and self.states.acyclic
+        if unrolled and self._is_far():
+            self._expansion = self._expand()
+        return unrolled
+
+    def _is_far(self) -> bool:
+        """Return whether few states need frames that only compiled code lays out."""
+        from pcsg.trace.blocks import OPEN_WHOLE
+        from pcsg.trace.expand.frames import is_flat_and_small
+
+        with np.errstate(over="ignore", invalid="ignore"):
+            return is_flat_and_small(self.states, OPEN_WHOLE)
 
     def _expand(self) -> Expansion | None:
         """Return all states where memory has room for them, in compiled code."""

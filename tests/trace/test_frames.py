@@ -76,6 +76,18 @@ def test_places_in_the_world_may_be_large_numbers() -> None:
     assert np.abs(scene.bounds - [[5e6, 3e6, 0.0], [5e6 + 1, 3e6 + 1, 1.0]]).max() < 0.04
 
 
+def test_few_solids_may_be_far_away_too() -> None:
+    balls = HALVES.replace("move(rand(a,1),", "move(7e8 + rand(a,1),")
+    far = pcsg.loads(f"{{a = 0; n = 700}} HALF\n{balls}")
+    assert far.states.finite
+    rays = lines_through((7e8, 0.0, 0.0), 1.0, 300)
+    near = pcsg.loads(f"{{a = 0; n = 700}} HALF\n{HALVES}")
+    assert visits(far, rays) < 1.3 * visits(near, lines_through(np.zeros(3), 1.0, 300)) + 2.0
+    found, walked = far.intersect(*rays), tracer_of(far).walker.intersect(*rays)
+    assert np.array_equal(found.leaf, walked.leaf) and found.mask.any()
+    assert far.stats()["primitives"] == 700
+
+
 @pytest.mark.parametrize(
     ("axiom", "corner", "size"),
     [
@@ -103,6 +115,13 @@ def test_answers_are_those_of_the_graph(axiom: str, corner: Any, size: float) ->
     assert np.array_equal(scene.occluded(*rays), walked.mask)
     points = rays[0] + 0.9 * rays[1] + 0.01 * size
     assert np.array_equal(scene.contains(points), tracer.walker.contains(points))
+
+
+def test_numbers_at_the_end_of_their_range_are_no_matter() -> None:
+    row = " | ".join(f"move({k},0,0) sphere" for k in range(40))
+    for way in ("uscale(1e-200) uscale(1e-120)", "uscale(1e200) uscale(1e200)", "move(1e300,0,0)"):
+        scene = pcsg.loads(f"{{}} {way} M\nM 1\n1: M -> {row}")
+        assert scene.intersect([[0.0, 0.0, -9.0]], [[0.0, 0.0, 1.0]]).t.shape == (1,)
 
 
 def test_what_is_near_stands_in_one_frame() -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.graph.operators import DIFFERENCE
+from pcsg.graph.states import LeafItem, StateGraph, StateItem
 from pcsg.jit import njit
 from pcsg.simd import WIDTH
 from pcsg.trace.bounding import bound_box
@@ -72,6 +73,52 @@ def find_frames(
     skipped = np.zeros(2 * programs.n_operations + 2, np.int32)
     measure_boxes(programs, table, leaves, order, frames, skipped, np.zeros(6), np.zeros(6))
     return frames
+
+
+def is_flat_and_small(states: StateGraph, most: int) -> bool:
+    """Return whether a scene of few states stands in one frame, too far away for its leaves.
+
+    Parameters
+    ----------
+    states
+        Finite and acyclic.
+    most
+        Leaves up to which such a scene stands in one frame.
+    """
+    leaves = [0] * len(states.states)
+    outer, inner, matrices = list[int](), list[int](), list[Affine]()
+    for s in states.children_first:
+        for item in states.states[s].content or ():
+            if isinstance(item, StateItem):
+                inner.append(item.state)
+                matrices.append(item.state_from_child)
+                leaves[s] += leaves[item.state]
+            elif isinstance(item, LeafItem):
+                inner.append(-1)
+                matrices.append(item.state_from_leaf)
+                leaves[s] += 1
+            else:
+                continue
+            outer.append(s)
+    if not _LEAST <= leaves[0] <= most:
+        return False
+    m = np.array(matrices).reshape(-1, 3, 4)
+    try:
+        stretch = np.linalg.norm(np.linalg.inv(m[:, :, :3]), 2, axis=(1, 2))
+    except np.linalg.LinAlgError:
+        # Numbers at the end of their range.
+        return False
+    away = np.linalg.norm(m[:, :, 3], axis=1)
+    frames, place = np.array(outer), np.array(inner)
+    within = place >= 0
+    reach = np.zeros(len(leaves))
+    far = np.zeros(len(place))
+    for _ in states.states:
+        before, far = reach.copy(), stretch * (reach[frames] + away)
+        np.maximum.at(reach, place[within], far[within])
+        if np.array_equal(before, reach):
+            break
+    return bool((far[~within] * SMALL > 1.0).any())
 
 
 @njit(entry=True)
