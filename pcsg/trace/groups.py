@@ -16,6 +16,7 @@ from pcsg.graph.hulls import Hulls, Part
 from pcsg.graph.nodes import Leaf
 from pcsg.graph.operators import UNION, Operator
 from pcsg.graph.states import Combine, LeafItem, LeafStep, OperationStep, StateGraph, StateItem
+from pcsg.simd import WIDTH
 from pcsg.vec import IDENTITY, Affine
 
 BLOCK, INSTANCE, LEAF, OPERATION, SMALL, SUSPENDED, LAZY_LEAF, EMPTY = range(8)
@@ -165,6 +166,9 @@ class _Gatherer:
             rest = [r for r in rest if r]
             if not first or not rest:
                 return first
+            if len(rest) > WIDTH:
+                # A long chain is one hierarchy; of a few it is faster to ask one by one.
+                rest = [tuple(r for operand in rest for r in operand)]
         elif not all(operands):
             return ()
         parts = [self._union_part(refs) for refs in (first, *rest)]

@@ -125,3 +125,17 @@ def test_from_infinity_a_solid_without_end_hides_what_is_in_it(engine: Engine) -
     ray = [[0.0, 0.0, 0.0]], [[0.5, 0.0, 0.0]], -math.inf, math.inf
     assert scene.intersect(*ray).leaf[0] == -1
     assert not scene.occluded(*ray)[0]
+
+
+def test_a_long_chain_of_differences_is_one_hierarchy() -> None:
+    rng = np.random.default_rng(6)
+    balls = [f"move({x},{y},{z}) uscale(0.1) sphere" for x, y, z in rng.uniform(-1, 1, (120, 3))]
+    chain, union = (
+        pcsg.loads(f"{{}} (box \\ {text})")
+        for text in (" \\ ".join(balls), f"({' | '.join(balls)})")
+    )
+    rays = rays_at(chain.bounds, 2_000)
+    a, b = chain.intersect(*rays), union.intersect(*rays)
+    assert np.array_equal(a.t, b.t) and np.array_equal(a.normal, b.normal) and a.mask.any()
+    visits = [scene.tracer.profile["blocks"] for scene in (chain, union)]  # type: ignore[attr-defined]
+    assert visits[0] < 1.2 * visits[1]
