@@ -503,7 +503,7 @@ class Scene:
         if counted is None or packed is None:
             known = take_census(self.graph, self.values, self.states, self.boxes, counted)
         else:
-            known = Census(*counted, "exact", packed.box, packed.bounded, {})
+            known = Census(counted, "exact", packed.box, packed.bounded, {})
         found = graph_stats(self.graph, self.values, known, self.tracer.nbytes)
         counts = {} if isinstance(self.tracer, Walker) else self.tracer.counts
         return {**found, "engine": self.engine, "blocks": None, **counts}

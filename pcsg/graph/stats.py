@@ -46,8 +46,8 @@ class Census(NamedTuple):
 
     Attributes
     ----------
-    states, primitives, leaves
-        See `Counts`.
+    counts
+        What is counted.
     boxes
         ``exact``, ``interval`` or ``unbounded``: where the bounds come from.
     bounds, scene_bounds : float64 (2, 3)
@@ -57,9 +57,7 @@ class Census(NamedTuple):
         Bytes of what was made for it, by name.
     """
 
-    states: int | None
-    primitives: int | None
-    leaves: Sequence[tuple[Leaf, tuple[float, ...]]]
+    counts: Counts
     boxes: str
     bounds: NDArray[np.float64]
     scene_bounds: NDArray[np.float64]
@@ -93,7 +91,7 @@ def take_census(
     )
     made = {"boxes": boxes.boxes.nbytes}
     scene, bounded = (np.array([b.lower, b.upper]) for b in (boxes.scene, boxes.scene_box))
-    return Census(*counts, boxes.kind, scene, bounded, made)
+    return Census(counts, boxes.kind, scene, bounded, made)
 
 
 def graph_stats(
@@ -132,15 +130,15 @@ def graph_stats(
         "nodes": {"total": len(graph.nodes), **dict(sorted(kinds.items()))},
         "edges": sum(len(below) for below in graph.successors),
         "parameters": list(graph.parameters),
-        "states": census.states,
-        "primitives": census.primitives,
+        "states": census.counts.states,
+        "primitives": census.counts.primitives,
         "boxes": census.boxes,
         "bounds": _corners(census.bounds),
         "scene_bounds": _corners(census.scene_bounds),
         "bytes": {**census.nbytes, **(nbytes or {})},
-        **_junctions(census.leaves),
+        **_junctions(census.counts.leaves),
         **_meshes(graph),
-        **_notes(census.leaves),
+        **_notes(census.counts.leaves),
     }
 
 

@@ -23,7 +23,7 @@ from pcsg.graph.leaves import Leaves
 from pcsg.graph.stats import take_census
 from pcsg.graph.text import to_pcsg
 from pcsg.graph.unroll import enumerate_states
-from pcsg.trace.expand import census, light, placing
+from pcsg.trace.expand import census, light, placing, reading
 from pcsg.trace.expand.expansion import Expansion
 from pcsg.trace.expand.pack import pack_expansion
 from pcsg.trace.pool import ModelPool
@@ -77,7 +77,7 @@ def test_counts_are_those_of_python(data: st.DataObject) -> None:
     states, found = enumerate_states(graph), expand(graph)
     assert found.n_states - 1 == states.count
     assert census.count_primitives(found) == count_primitives(graph)
-    assert census.data_leaves(found) == take_census(graph, states=states).leaves
+    assert census.data_leaves(found) == take_census(graph, states=states).counts.leaves
 
 
 @given(data=st.data())
@@ -145,6 +145,17 @@ def test_statistics_do_not_depend_on_memory() -> None:
     )
     assert few["engine"] == many["engine"] == "states"
     assert few["states"] == many["states"] and few["primitives"] == many["primitives"]
+
+
+def test_states_that_are_too_many_are_not_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reading, "EXPANSION_MEMORY", 1 << 20)
+    graph = load_text(CHAIN.format(n=30_000, thing=BALL))
+    reader = reading.StatesReader(graph, GLOBALS, enumerate_states(graph))
+    assert reader.expand(1 << 20) is None
+    monkeypatch.setattr(reader, "expand", None)
+    assert reader.count() is None
+    with pytest.raises(UsageError, match="too many states"):
+        next(reader.leaves(10))
 
 
 def test_more_primitives_than_doubles_can_count() -> None:

@@ -54,6 +54,8 @@ class StatesReader:
         self.values = values
         self.states = states
         self._known = known
+        # Bytes that all states are known not to fit into.
+        self._too_little = -1
 
     def expand(
         self,
@@ -91,11 +93,15 @@ class StatesReader:
                 preparation,
             )
         except TooLarge:
+            if not without:
+                self._too_little = max(self._too_little, memory)
             return None
 
     def _table(self, without: Collection[int] = frozenset()) -> Expansion | None:
         """Return the table to read; None where Python reads, or nobody can."""
         if self.states.finite:
+            return None
+        if not without and self._too_little >= EXPANSION_MEMORY:
             return None
         found = None if without else self._known()
         found = found or self.expand(without=without)
