@@ -133,6 +133,9 @@ def is_rounding(walker: Walker, o: np.ndarray, d: np.ndarray, t: float) -> bool:
     """Return whether an answer is right but for pieces and gaps thinner than the tolerance."""
     spans = walker.spans([o], [d])
     ends = np.stack([spans.t_in, spans.t_out], axis=1).ravel().tolist()
+    width = 4.0 * oracle.tolerance(0.0)
+    if abs(t) <= width and any(abs(e) <= width for e in ends):
+        return True  # it starts on what it meets, perhaps a sheet
     k = 0
     thin = False
     while k + 1 < len(ends):
@@ -142,7 +145,6 @@ def is_rounding(walker: Walker, o: np.ndarray, d: np.ndarray, t: float) -> bool:
             k = max(0, k - 1)
         else:
             k += 1
-    width = 4.0 * oracle.tolerance(0.0)
     ahead = [e for e in ends if e >= -width and math.isfinite(e)] + [math.inf]
     starts_on = abs(ahead[0]) <= width
     return (thin or starts_on) and any(
