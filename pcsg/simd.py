@@ -287,7 +287,7 @@ def _stay_apart(typing: Any) -> Any:
     return types.void(), generate
 
 
-LOCAL = 512
+LOCAL = 768
 """Numbers in an array on the machine's stack."""
 
 

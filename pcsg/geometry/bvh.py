@@ -1,8 +1,9 @@
 """Building wide bounding volume hierarchies: blocks of sixteen boxes in single precision.
 
 Binned surface area heuristic (Wald, "On fast Construction of SAH-based Bounding Volume
-Hierarchies", 2007). A node is split until it has as many parts as a block has boxes, the largest
-first (Ernst and Greiner, "Multi Bounding Volume Hierarchies", 2008), or each fits into one block.
+Hierarchies", 2007). What has many items is split until it has as many parts as a block has boxes,
+the largest first (Ernst and Greiner, "Multi Bounding Volume Hierarchies", 2008). Over fewer items a
+binary tree is made, and collapsed to the blocks of which rays visit fewest (`collapse`).
 """
 
 from __future__ import annotations
@@ -13,8 +14,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.geometry.collapse import (
+    LEVELS_OF_HALVES,
+    MOST_LEVELS,
+    MOST_TOGETHER,
+    BinaryTree,
+    choose_slots,
+    half_area,
+    make_binary_tree,
+    weigh_nodes,
+)
 from pcsg.jit import njit
-from pcsg.simd import SINGLE, WIDTH
+from pcsg.simd import LOCAL, SINGLE, WIDTH
 
 Floats = NDArray[np.float64]
 
@@ -22,20 +33,23 @@ BLOCK, RUN, EMPTY = 0, 1, 7
 """References: the number of a block, or of a run of items, comes before its kind, in three bits.
 Whoever gives items codes of their own has other kinds."""
 
-BINS = 24
+BINS = 32
 
 FARTHEST, LEAST_SINGLE = 3e20, 1e-37
 """A box that reaches farther has no end, so that single precision does not overflow; below the
 other number it has fewer digits."""
 
-_DEEP = 18
+_DEEP = 6
 """Levels of blocks below which parts are halved, so that the depth is bounded."""
 
-STACK = 512
+_PRICE = 16.0
+"""What a block of a large hierarchy costs besides visits, for its memory; see `weigh_nodes`."""
+
+STACK = LOCAL
 """References that wait at most while a hierarchy is visited depth first."""
 
 # Sixteen halves of halves have an eighth of the items each, at most.
-assert (WIDTH - 1) * (_DEEP + 13) + WIDTH <= STACK
+assert (WIDTH - 1) * (_DEEP + 8 + MOST_LEVELS) + WIDTH <= STACK
 
 
 class Hierarchies(NamedTuple):
@@ -76,17 +90,24 @@ def build_hierarchy(boxes: Floats, most: int = 1) -> Hierarchy:
     Parameters
     ----------
     boxes : float64 (n, 6)
-        Lower x, y, z, upper x, y, z of every item.
+        Lower x, y, z, upper x, y, z of every item; finite.
     most
         Items in a run, at most. Rays are tested against all items of a run at once, so a run costs
         the same however many it has.
     """
     n = len(boxes)
+    flat = np.ascontiguousarray(boxes).ravel()
     work = make_build_work(n, runs=n, most=most)
-    # Every block has at least two parts, and what is a block of its own more items than a run.
-    blocks = 2 * n // (most + 1) + 2
-    out = Hierarchies(np.empty(6 * WIDTH * blocks, np.float32), np.empty(WIDTH * blocks, np.int32))
-    blocks = _build(np.ascontiguousarray(boxes).ravel(), out, work)
+    room = min(n, MOST_TOGETHER) + WIDTH + 1
+    out = _make_room(room + n // (4 * most))
+    work.order[:n] = np.arange(n)
+    work.stack[:4] = 0, n, 0, 0
+    blocks, waiting = 1, 1
+    while waiting > 0:
+        blocks, waiting = _build(flat, out, blocks, waiting, room, work)
+        if waiting > 0:
+            more = _make_room(len(out.refs) // WIDTH)
+            out = Hierarchies(*(np.concatenate(pair) for pair in zip(out, more, strict=True)))
     runs = work.runs[: 2 * work.counts[0]].reshape(-1, 2)
     sizes = runs[:, 1] - runs[:, 0]
     begins = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
@@ -115,6 +136,8 @@ class BuildWork(NamedTuple):
         The parts of the present block.
     bins, hulls : float64
         Number and box of every bin; boxes of the parts.
+    tree
+        The binary tree over few items.
     """
 
     most: int
@@ -125,6 +148,7 @@ class BuildWork(NamedTuple):
     parts: NDArray[np.int64]
     bins: Floats
     hulls: Floats
+    tree: BinaryTree
 
 
 def make_build_work(items: int, runs: int = 0, most: int = 0) -> BuildWork:
@@ -138,17 +162,22 @@ def make_build_work(items: int, runs: int = 0, most: int = 0) -> BuildWork:
         parts=np.empty(2 * WIDTH, np.int64),
         bins=np.empty(16 * BINS),
         hulls=np.empty(6 * (WIDTH + 1)),
+        tree=make_binary_tree(min(items, MOST_TOGETHER)),
     )
 
 
+def _make_room(blocks: int) -> Hierarchies:
+    return Hierarchies(np.empty(6 * WIDTH * blocks, np.float32), np.empty(WIDTH * blocks, np.int32))
+
+
 @njit(entry=True)
-def _build(boxes: Floats, out: Hierarchies, work: BuildWork) -> int:
-    """Build one hierarchy over all boxes; return the number of blocks."""
-    blocks = 1
-    waiting, unbounded = begin_hierarchy(boxes, 0, len(work.order), 0, work)
-    while waiting > 0:
-        blocks, waiting = build_block(boxes, work.order, out, blocks, waiting, unbounded, work)
-    return blocks
+def _build(
+    boxes: Floats, out: Hierarchies, blocks: int, waiting: int, room: int, work: BuildWork
+) -> tuple[int, int]:
+    """Build blocks of parts that wait while there is room for so many more."""
+    while waiting > 0 and WIDTH * (blocks + room) <= len(out.refs):
+        blocks, waiting = build_block(boxes, work.order, out, blocks, waiting, 0, work)
+    return blocks, waiting
 
 
 @njit
@@ -203,7 +232,7 @@ def build_block(
     n, more = begin_block(boxes, waiting, work), 1
     while more > 0:
         n, more = split_block(boxes, waiting, unbounded, n, work)
-    return end_block(boxes, codes, out, blocks, waiting, n, work)
+    return end_block(boxes, codes, out, blocks, waiting, unbounded, n, work)
 
 
 @njit
@@ -214,6 +243,13 @@ def begin_block(boxes: Floats, waiting: int, work: BuildWork) -> int:
     work.parts[0], work.parts[1] = begin, end
     _find_hull(boxes, work.order, begin, end, work.hulls, 0)
     return 1 if end > begin else 0
+
+
+@njit
+def _is_together(waiting: int, work: BuildWork) -> bool:
+    """Return whether all blocks over the part that waits on top are built together."""
+    top = 4 * (waiting - 1)
+    return bool(work.stack[top + 1] - work.stack[top] <= MOST_TOGETHER)
 
 
 @njit
@@ -228,20 +264,14 @@ def split_block(
         How many parts there are now, and how many items were parted; 0 where nothing was.
     """
     order, parts, hulls = work.order, work.parts, work.hulls
-    single = max(1, work.most)
-    # What one block can hold of single items is not parted further, and then dissolved.
-    most_of_part = single if work.most > 1 else WIDTH
+    if _is_together(waiting, work):
+        return n, 0
     deep = work.stack[4 * waiting - 1] > _DEEP
-    k = _choose_part(parts, hulls, n, most_of_part, deep) if 0 < n < WIDTH else -1
+    k = _choose_part(parts, hulls, n, max(1, work.most), deep) if n < WIDTH else -1
     if k < 0:
         return n, 0
     a, b = parts[2 * k], parts[2 * k + 1]
-    if a < unbounded < b:
-        middle = unbounded
-    elif a < unbounded or deep:
-        middle = (a + b) // 2
-    else:
-        middle = _split(boxes, order, a, b, single, work.bins)
+    middle = _part(boxes, a, b, unbounded, deep, work)
     parts[2 * k + 1] = middle
     parts[2 * n], parts[2 * n + 1] = middle, b
     _find_hull(boxes, order, a, middle, hulls, 6 * k)
@@ -256,36 +286,137 @@ def end_block(
     out: Hierarchies,
     blocks: int,
     waiting: int,
+    unbounded: int,
     n: int,
     work: BuildWork,
 ) -> tuple[int, int]:
-    """Write the block of the part that waits on top, of n parts; as `build_block`."""
+    """Write the block of the part that waits on top, of n parts, as `build_block`.
+
+    Where the part has few items, these are all blocks over them.
+    """
     stack, parts, hulls = work.stack, work.parts, work.hulls
+    together = _is_together(waiting, work)
     waiting -= 1
     block, level = stack[4 * waiting + 2], stack[4 * waiting + 3]
     single = max(1, work.most)
-    if work.most <= 1:
-        n = _dissolve_parts(boxes, work, n)
+    if together:
+        begin, end = stack[4 * waiting], stack[4 * waiting + 1]
+        price = _PRICE if level > 0 else 0.0
+        blocks = _build_together(
+            boxes, codes, out, blocks, begin, end, block, unbounded, price, work
+        )
+        return blocks, waiting
     for k in range(WIDTH):
-        at = WIDTH * block + k
         if k >= n:
-            out.refs[at] = EMPTY
-            for j in range(3):
-                hulls[6 * k + j], hulls[6 * k + 3 + j] = math.inf, -math.inf
-        elif parts[2 * k + 1] - parts[2 * k] <= single:
-            out.refs[at] = _code_of(codes, parts[2 * k], parts[2 * k + 1], work)
+            _write_nothing(out, block, k)
+            continue
+        begin, end = parts[2 * k], parts[2 * k + 1]
+        if end - begin <= single:
+            code = _code_of(codes, begin, end, work)
         else:
-            out.refs[at] = np.int32(blocks << 3 | BLOCK)
+            code = np.int32(blocks << 3 | BLOCK)
             top = 4 * waiting
-            stack[top], stack[top + 1] = parts[2 * k], parts[2 * k + 1]
-            stack[top + 2], stack[top + 3] = blocks, level + 1
+            stack[top], stack[top + 1], stack[top + 2], stack[top + 3] = (
+                begin,
+                end,
+                blocks,
+                level + 1,
+            )
             blocks += 1
             waiting += 1
-        for j in range(3):
-            place = 6 * WIDTH * block + WIDTH * j + k
-            out.boxes[place] = _round_down(hulls[6 * k + j])
-            out.boxes[place + 3 * WIDTH] = _round_up(hulls[6 * k + 3 + j])
+        _write_slot(out, block, k, code, hulls, 6 * k)
     return blocks, waiting
+
+
+@njit
+def _build_together(
+    boxes: Floats,
+    codes: NDArray[np.int32],
+    out: Hierarchies,
+    blocks: int,
+    begin: int,
+    end: int,
+    block: int,
+    unbounded: int,
+    price: float,
+    work: BuildWork,
+) -> int:
+    """Build all blocks over a few items; return the new number of blocks."""
+    tree = work.tree
+    single = max(1, work.most)
+    nodes = 1 if end > begin else 0
+    tree.begins[0], tree.ends[0], tree.levels[0] = begin, end, 0
+    node = 0
+    while node < nodes:
+        a, b = tree.begins[node], tree.ends[node]
+        _find_hull(boxes, work.order, a, b, tree.hulls, 6 * node)
+        tree.children[node] = -1
+        if b - a > single:
+            halves = tree.levels[node] >= MOST_LEVELS - LEVELS_OF_HALVES
+            middle = _part(boxes, a, b, unbounded, halves, work)
+            tree.children[node] = nodes
+            tree.begins[nodes], tree.ends[nodes] = a, middle
+            tree.begins[nodes + 1], tree.ends[nodes + 1] = middle, b
+            tree.levels[nodes] = tree.levels[nodes + 1] = tree.levels[node] + 1
+            nodes += 2
+        node += 1
+    weigh_nodes(tree, nodes, price)
+    waits = work.stack
+    top = len(waits)
+    # From the end of the stack downwards; at its beginning other parts wait.
+    top -= 2
+    waits[top], waits[top + 1] = 0, block
+    while top < len(waits):
+        node, block = waits[top], waits[top + 1]
+        top += 2
+        n = choose_slots(tree, node) if nodes > 0 else 0
+        for k in range(WIDTH):
+            if k >= n:
+                _write_nothing(out, block, k)
+                continue
+            part = tree.slots[k]
+            if tree.children[part] < 0:
+                code = _code_of(codes, tree.begins[part], tree.ends[part], work)
+            else:
+                code = np.int32(blocks << 3 | BLOCK)
+                top -= 2
+                waits[top], waits[top + 1] = part, blocks
+                blocks += 1
+            _write_slot(out, block, k, code, tree.hulls, 6 * part)
+    return blocks
+
+
+@njit
+def _part(
+    boxes: Floats, begin: int, end: int, unbounded: int, halves: bool, work: BuildWork
+) -> int:
+    """Sort items into two parts and return where the second one begins."""
+    if begin < unbounded < end:
+        return unbounded
+    if begin < unbounded or halves or end - begin == 2:
+        return (begin + end) // 2
+    return _split(boxes, work.order, begin, end, max(1, work.most), work.bins)
+
+
+@njit
+def _write_slot(
+    out: Hierarchies, block: int, k: int, code: np.int32, hulls: Floats, at: int
+) -> None:
+    """Write a reference of a block, and its box."""
+    out.refs[WIDTH * block + k] = code
+    for j in range(3):
+        place = WIDTH * (6 * block + j) + k
+        out.boxes[place] = _round_down(hulls[at + j])
+        out.boxes[place + 3 * WIDTH] = _round_up(hulls[at + 3 + j])
+
+
+@njit
+def _write_nothing(out: Hierarchies, block: int, k: int) -> None:
+    """Write that a slot of a block is not used."""
+    out.refs[WIDTH * block + k] = EMPTY
+    for j in range(3):
+        place = WIDTH * (6 * block + j) + k
+        out.boxes[place], out.boxes[place + 3 * WIDTH] = math.inf, -math.inf
 
 
 @njit
@@ -338,43 +469,6 @@ def _choose_part(
 
 
 @njit
-def _dissolve_parts(boxes: Floats, work: BuildWork, n: int) -> int:
-    """Put the items of parts into the block itself while it has room; return what it holds.
-
-    That saves the part's own block, which rays visit as often as its box is large.
-    """
-    parts, hulls = work.parts, work.hulls
-    while True:
-        chosen, best = -1, -1.0
-        for k in range(n):
-            more = parts[2 * k + 1] - parts[2 * k] - 1
-            if 0 < more <= WIDTH - n and half_area(hulls, 6 * k) > best * more:
-                chosen, best = k, half_area(hulls, 6 * k) / more
-        if chosen < 0:
-            return n
-        begin, end = parts[2 * chosen], parts[2 * chosen + 1]
-        for i in range(begin, end):
-            k = chosen if i == begin else n
-            n += k == n
-            parts[2 * k], parts[2 * k + 1] = i, i + 1
-            _find_hull(boxes, work.order, i, i + 1, hulls, 6 * k)
-
-
-@njit
-def half_area(boxes: Floats, at: int) -> float:
-    """Return half the surface of a box, 0 for an empty one."""
-    x, y, z = (
-        boxes[at + 3] - boxes[at],
-        boxes[at + 4] - boxes[at + 1],
-        boxes[at + 5] - boxes[at + 2],
-    )
-    if not (x >= 0.0 and y >= 0.0 and z >= 0.0):
-        return 0.0
-    area: float = x * y + y * z + z * x
-    return area
-
-
-@njit
 def _find_hull(
     boxes: Floats, order: NDArray[np.int32], begin: int, end: int, out: Floats, at: int
 ) -> None:
@@ -400,7 +494,7 @@ def _split(
     best = math.inf
     best_axis, best_bin = -1, 0
     best_low, best_scale = 0.0, 0.0
-    n_bins = min(BINS, 4 + (end - begin) // 4)
+    n_bins = min(BINS, 4 + (end - begin) // 2)
     for axis in range(3):
         low, high = math.inf, -math.inf
         for i in range(begin, end):

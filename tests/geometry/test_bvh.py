@@ -9,6 +9,7 @@ import pytest
 
 from pcsg.geometry.bvh import BLOCK, EMPTY, RUN, STACK, Hierarchy, build_hierarchy
 from pcsg.simd import WIDTH
+from pcsg.trace.binary import BinaryTree, area_of
 
 
 def visit(made: Hierarchy, boxes: Any, block: int = 0) -> tuple[Any, int]:
@@ -17,6 +18,7 @@ def visit(made: Hierarchy, boxes: Any, block: int = 0) -> tuple[Any, int]:
     planes = made.boxes.reshape(-1, 6, WIDTH)[block].astype(float)
     found = []
     used = int((refs != EMPTY).sum())
+    assert used > 1 or block == 0  # so many blocks are enough as there are items
     waiting = used
     for k, ref in enumerate(refs.tolist()):
         if ref == EMPTY:
@@ -67,3 +69,21 @@ def test_what_waits_fits_the_stack_however_uneven_boxes_are(most: int) -> None:
     items, waiting = visit(build_hierarchy(boxes, most), boxes)
     assert len(items) == len(size)
     assert waiting <= STACK
+
+
+@pytest.mark.parametrize("count", [40, 700])
+def test_rays_visit_hardly_more_blocks_than_of_the_best_collapse(count: int) -> None:
+    rng = np.random.default_rng(count)
+    centers = rng.uniform(-1.0, 1.0, (count, 3))
+    radii = rng.uniform(0.0, 0.1, (count, 1))
+    boxes = np.hstack([centers - radii, centers + radii])
+    made = build_hierarchy(boxes)
+    planes = made.boxes.reshape(-1, 6, WIDTH).astype(float)
+    visits = sum(area_of(np.concatenate([p[:3].min(axis=1), p[3:].max(axis=1)])) for p in planes)
+    tree = BinaryTree(boxes)
+    best, todo = 0.0, [0]
+    while todo:
+        node = todo.pop()
+        best += area_of(tree.hulls[node])
+        todo += [part for part in tree.parts(node) if part not in tree.items]
+    assert visits <= 1.08 * best

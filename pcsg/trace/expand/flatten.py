@@ -19,6 +19,7 @@ from pcsg.geometry.bvh import (
     end_block,
     split_block,
 )
+from pcsg.geometry.collapse import MOST_TOGETHER
 from pcsg.graph.operators import UNION
 from pcsg.jit import njit
 from pcsg.trace.expand.boxes import bound_instance, bound_item, bound_leaf
@@ -162,10 +163,13 @@ def _build_on(layout: Layout, out: Hierarchies, build: BuildWork) -> int:
     n, parted = split_block(layout.boxes, waiting, c[AT_UNBOUNDED], n, build)
     c[AT_PIECES] = n
     if parted == 0:
+        items = int(build.stack[4 * waiting - 3] - build.stack[4 * waiting - 4])
         c[N_BLOCKS], c[AT_PARTS] = end_block(
-            layout.boxes, layout.codes, out, c[N_BLOCKS], waiting, n, build
+            layout.boxes, layout.codes, out, c[N_BLOCKS], waiting, c[AT_UNBOUNDED], n, build
         )
         c[AT_PIECES] = -1
+        # Blocks over few references are built together.
+        return 1 + min(items, MOST_TOGETHER)
     # References are flattened about as fast as sixteen times as many are parted.
     return 1 + parted // 16
 

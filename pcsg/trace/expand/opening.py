@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pcsg.geometry.bvh import Hierarchies, half_area
+from pcsg.geometry.bvh import Hierarchies
+from pcsg.geometry.collapse import half_area
 from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.trace.bounding import bound_box

@@ -117,7 +117,8 @@ def pack_expansion(expansion: Expansion, preparation: Preparation = UNLIMITED) -
     rows = int(sizes.rows[clusters].sum()) + shared + 1
     preparation.require(sum(a.nbytes for a in table) + _ROW_BYTES * rows)
     layout = _make_layout(expansion, sizes, clusters, rows, lists)
-    blocks = rows // 2 + 2 * lists + 2
+    # Every block but the first of a list has two references at least.
+    blocks = rows + lists + 2
     out = Hierarchies(np.empty(6 * WIDTH * blocks, np.float32), np.empty(WIDTH * blocks, np.int32))
     depth = int(max(sizes.depth.max(), sizes.depth_of.max(initial=0))) + 4
     work = _make_work(depth, max(root_limit, limit), table)
