@@ -32,7 +32,7 @@ from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.pool import pool_of
 from pcsg.trace.preparing import Preparation
-from pcsg.trace.rays import check_rays
+from pcsg.trace.rays import check_rays, count_processors
 from pcsg.trace.store import BLOCK_MEMORY
 from pcsg.trace.tracer import Engine, StatesTracer, trace_states
 from pcsg.trace.walker import Walker
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from pcsg.graph.leaves import Leaves
     from pcsg.trace.expand.expansion import Expansion
     from pcsg.trace.expand.pack import Packed
+    from pcsg.trace.expand.partial import PartialExpansion
     from pcsg.treemesh.segments import Assembled
 
 UNROLL_BUDGET = 2_000
@@ -196,6 +197,7 @@ class Scene:
             raise GrammarError(faults)
         self._recipes: Recipes | None = None
         self._expansion: Expansion | None = None
+        self._partial: PartialExpansion | None = None
         self._model_values: dict[int, list[tuple[float, ...]]] = {}
         unrolled = engine != "cyclic" and self._unroll()
         if engine == "states" and not unrolled:
@@ -215,12 +217,8 @@ class Scene:
                 raise GrammarError(self.states.unknown_models)
             try:
                 self._recipes = make_recipes(self.graph, self.values)
-            except NoRecipe as reason:
-                self.states = enumerate_states(self.graph, self.values, WHOLE_BUDGET)
-                self._obstacle = (
-                    f"the grammar has more than {self.states.count:,} states, which cannot be made"
-                    f" on demand ({reason})"
-                )
+            except NoRecipe:
+                return self._expand_partly()
             else:
                 return True
         if self.states.finite and not self.states.acyclic:
@@ -237,6 +235,24 @@ class Scene:
 
         with np.errstate(over="ignore", invalid="ignore"):
             return is_flat_and_small(self.states, OPEN_WHOLE)
+
+    def _expand_partly(self) -> bool:
+        """Expand the largest states, so that the others can follow; return whether they can."""
+        from pcsg.trace.expand.partial import NotSuspended, PartialExpansion
+
+        memory = BLOCK_MEMORY if self._block_memory is None else self._block_memory
+        try:
+            expansion = PartialExpansion(self.graph, self.values, pool_of(self.graph), memory)
+        except NotSuspended as reason:
+            self.states = enumerate_states(self.graph, self.values, WHOLE_BUDGET)
+            self._obstacle = (
+                f"the grammar has more than {self.states.count:,} states, which cannot be made"
+                f" on demand ({reason})"
+            )
+            return self.states.finite and self.states.acyclic
+        self._partial = expansion
+        self._model_values = expansion.model_values
+        return True
 
     def _expand(self) -> Expansion | None:
         """Return all states where memory has room for them, in compiled code."""
@@ -308,6 +324,8 @@ class Scene:
                 block_memory=memory,
                 box=self.boxes.boxes[self.graph.number[self.graph.root]],
             )
+        if self._partial is not None:
+            return self._trace_partly(self._partial)
         if self._packed is not None:
             packed, models = self._packed, pool_of(self.graph)
             return StatesTracer(
@@ -320,6 +338,20 @@ class Scene:
         if self.engine == "states":
             return trace_states(self.graph, self.states, self._make_walker, self._threads)
         return self._make_walker()
+
+    def _trace_partly(self, expansion: PartialExpansion) -> StatesTracer:
+        """Return the tracer of a graph of which only the largest states are expanded."""
+        from pcsg.trace.expand.suspended import SuspendedBlocks
+
+        suspended = SuspendedBlocks(expansion, self._threads or count_processors())
+        self._partial = None
+        return StatesTracer(
+            suspended.packed.blocks,
+            pool_of(self.graph),
+            self._make_walker,
+            self._threads,
+            suspended=suspended,
+        )
 
     def _make_walker(self) -> Walker:
         if self.states.unknown_models and not self._model_values:

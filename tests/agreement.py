@@ -17,6 +17,8 @@ from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.unroll import enumerate_states
 from pcsg.trace.expand.expansion import Expansion
 from pcsg.trace.expand.pack import pack_expansion
+from pcsg.trace.expand.partial import PartialExpansion
+from pcsg.trace.expand.suspended import SuspendedBlocks
 from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.pool import pool_of
 from pcsg.trace.store import BLOCK_MEMORY
@@ -80,6 +82,22 @@ def make_lazy(
         threads=threads,
         block_memory=block_memory,
     )
+
+
+def make_suspended(
+    graph: Graph,
+    values: Mapping[str, float] = GLOBALS,
+    *,
+    threads: int | None = 2,
+    block_memory: int = 0,
+    walker: Walker | None = None,
+) -> StatesTracer:
+    """Return the engine of states, of which only some are prepared."""
+    models = pool_of(graph)
+    expansion = PartialExpansion(graph, values, models, block_memory)
+    suspended = SuspendedBlocks(expansion, threads or 2)
+    make_walker = lambda: walker or Walker(graph, values, threads=threads)  # noqa: E731
+    return StatesTracer(suspended.packed.blocks, models, make_walker, threads, suspended=suspended)
 
 
 def make_any_states(graph: Graph, values: Mapping[str, float] = GLOBALS) -> Tracer:

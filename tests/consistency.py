@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import oracle
-from agreement import Tracer, make_expanded, make_lazy, make_states
+from agreement import Tracer, make_expanded, make_lazy, make_states, make_suspended
 
 from pcsg.graph.graph import Graph
 from pcsg.graph.recipes import NoRecipe
 from pcsg.scene import Scene
 from pcsg.trace import blocks
+from pcsg.trace.expand.partial import NotSuspended
 from pcsg.trace.walker import Walker
 
 Rays = tuple[np.ndarray, np.ndarray]
@@ -54,6 +55,8 @@ def fast_tracers(graph: Graph, walker: Walker) -> Iterator[tuple[str, Tracer]]:
     with opened(0, 0):
         yield "states, closed", make_states(graph, walker=walker)
         yield "expanded, closed", make_expanded(graph, walker=walker)
+    with suppress(NotSuspended):
+        yield "suspended", make_suspended(graph, walker=walker)
     with suppress(NoRecipe):
         yield "on demand", make_lazy(graph, block_memory=0, walker=walker)
 

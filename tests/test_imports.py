@@ -15,6 +15,7 @@ PACKAGE = Path(__file__).parent.parent / "pcsg"
 # What each room may use besides itself: everything of the lower floors, nothing of its own floor.
 FLOORS: list[set[str]] = [
     {
+        "addresses",
         "arguments",
         "errors",
         "catalogue",

@@ -18,6 +18,7 @@ import numpy as np
 from llvmlite import ir
 from numpy.typing import NDArray
 
+from pcsg.addresses import make_array
 from pcsg.blobtree.layout import (
     LISTS,
     MET,
@@ -47,23 +48,6 @@ FAR = 1 << 60
 """The length of an array of which the pointer is all that is known."""
 
 
-def _make_array(context: Any, builder: Any, kind: Any, data: Any, length: Any) -> Any:
-    from numba.core import cgutils, types
-    from numba.np.arrayobj import populate_array
-
-    itemsize = context.get_constant(types.intp, kind.bitwidth // 8)
-    array = context.make_array(types.Array(kind, 1, "C"))(context, builder)
-    populate_array(
-        array,
-        data=data,
-        shape=cgutils.pack_array(builder, [length]),
-        strides=cgutils.pack_array(builder, [itemsize]),
-        itemsize=itemsize,
-        meminfo=None,
-    )
-    return array._getvalue()
-
-
 def _reserve(item: str) -> Any:
     """Return an intrinsic for an array on the stack; it lives as long as its caller runs."""
 
@@ -74,7 +58,7 @@ def _reserve(item: str) -> Any:
 
         def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
             data = builder.alloca(context.get_data_type(kind), size=args[0])
-            return _make_array(context, builder, kind, data, args[0])
+            return make_array(context, builder, kind, data, args[0])
 
         return types.Array(kind, 1, "C")(types.intp), generate
 
@@ -91,7 +75,7 @@ def _view(item: str) -> Any:
 
         def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
             length = context.get_constant(types.intp, FAR)
-            return _make_array(context, builder, kind, args[0], length)
+            return make_array(context, builder, kind, args[0], length)
 
         return types.Array(kind, 1, "C")(pointer), generate
 

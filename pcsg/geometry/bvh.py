@@ -431,6 +431,35 @@ def _code_of(codes: NDArray[np.int32], begin: int, end: int, work: BuildWork) ->
 
 
 @njit
+def write_block(
+    boxes: Floats, codes: NDArray[np.int32], first: int, count: int, out: Hierarchies, block: int
+) -> None:
+    """Write a block over a run of items that fit into it.
+
+    Parameters
+    ----------
+    boxes, codes
+        Of all items.
+    first, count
+        The run.
+    """
+    nowhere = np.float32(math.inf)
+    for k in range(WIDTH):
+        place = 6 * WIDTH * block + k
+        if k < count:
+            out.refs[WIDTH * block + k] = codes[first + k]
+            for j in range(3):
+                at = 6 * (first + k) + j
+                out.boxes[place + WIDTH * j] = _round_down(boxes[at])
+                out.boxes[place + WIDTH * (j + 3)] = _round_up(boxes[at + 3])
+        else:
+            out.refs[WIDTH * block + k] = EMPTY
+            for j in range(3):
+                out.boxes[place + WIDTH * j] = nowhere
+                out.boxes[place + WIDTH * (j + 3)] = -nowhere
+
+
+@njit
 def _unbounded_first(boxes: Floats, first: int, count: int, order: NDArray[np.int32]) -> int:
     """Write the items of a run to `order`, unbounded ones first; return how many these are."""
     n = 0

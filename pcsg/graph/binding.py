@@ -22,7 +22,6 @@ from pcsg.graph.nodes import Attribute, Calculation, Leaf, Operation, Selection,
 from pcsg.graph.operators import UNION
 from pcsg.graph.ranges import Key, Ranges, Values
 from pcsg.graph.recipes import (
-    Assign,
     Entry,
     EntryPart,
     FixedPart,
@@ -31,9 +30,8 @@ from pcsg.graph.recipes import (
     Place,
     Recipe,
     Recipes,
-    register,
 )
-from pcsg.graph.sharing import share_terms
+from pcsg.graph.sharing import Assign, register, share_terms
 from pcsg.graph.states import Start
 from pcsg.graph.transforms import Transform
 from pcsg.jit import plain
@@ -195,7 +193,12 @@ class _Maker:
                 stack.append((self.graph.successors[n][0], scope, -1))
             if len(recipe.parts) > MAX_PARTS:
                 raise NoRecipe("a rule of many parts")
-        share_terms(recipe)
+        assigns = [s if isinstance(s, Assign) else None for s in recipe.steps]
+        shared, recipe.registers = share_terms(assigns, recipe.registers)
+        steps: list[Assign | Place] = []
+        for step, (before, own) in zip(recipe.steps, shared, strict=True):
+            steps += [*before, step if own is None else own]
+        recipe.steps = steps
         return recipe
 
     def _below(

@@ -68,27 +68,27 @@ class GraphCode:
         self.frame_slot = frame
         self.program = Program(self.slots, frame)
         self.liveness = liveness
-        self._at: list[int] = []
-        self._stores: list[tuple[int, ...]] = []
+        self._at: dict[int, int] = {}
+        self._stores: dict[int, tuple[int, ...]] = {}
         self._reads: dict[int, tuple[int, ...]] = {}
         self._memory: dict[tuple[int, bytes], object] = {}
-        for k, node in enumerate(graph.nodes):
-            self._add(k, node)
 
-    def _add(self, k: int, node: Node) -> None:
-        exprs, stores = _code_of(self.graph, k, node, self.liveness)
+    def _add(self, k: int) -> None:
+        """Write the code of a node, when it is first needed."""
+        node = self.graph.nodes[k]
+        exprs, stores = code_of(self.graph, k, node, self.liveness)
         if isinstance(node, Calculation) and node.call:
             at = self.program.add_parallel(exprs, stores)
         else:
             at = self.program.add(exprs, stores) if exprs else -1
-        self._at.append(at)
-        self._stores.append(tuple(dict.fromkeys([self.slots[s] for s in stores])))
+        self._at[k] = at
+        self._stores[k] = tuple(dict.fromkeys([self.slots[s] for s in stores]))
 
     def _reads_of(self, k: int) -> tuple[int, ...]:
         """Return the slots that a node reads, found when it is first evaluated."""
         if k not in self._reads:
             node = self.graph.nodes[k]
-            exprs, stores = _code_of(self.graph, k, node, self.liveness)
+            exprs, stores = code_of(self.graph, k, node, self.liveness)
             names: set[str] = set()
             assigned: set[str] = set()
             for i, expr in enumerate(exprs):
@@ -100,10 +100,14 @@ class GraphCode:
 
     def code_at(self, k: int) -> int:
         """Return where the code of a node begins on the tape, -1 where it computes nothing."""
+        if k not in self._at:
+            self._add(k)
         return self._at[k]
 
     def stores(self, k: int) -> tuple[int, ...]:
         """Return the slots that a node assigns."""
+        if k not in self._at:
+            self._add(k)
         return self._stores[k]
 
     def initial(self, values: Mapping[str, float] | None = None) -> list[float]:
@@ -136,7 +140,7 @@ class GraphCode:
 
     def _run(self, k: int, params: list[float]) -> list[float]:
         try:
-            return self.program.evaluate(self._at[k], params)
+            return self.program.evaluate(self.code_at(k), params)
         except Fault as fault:
             expr = self.program.exprs[fault.instruction]
             kind, detail = NOT_FINITE, ""
@@ -148,7 +152,7 @@ class GraphCode:
 
     def assign(self, k: int, params: list[float]) -> list[float]:
         """Return the slots below a calculation or an attribute."""
-        stores = self._stores[k]
+        stores = self.stores(k)
         if not stores:
             return params
         key = self._key(k, params)
@@ -242,7 +246,7 @@ def _packer(n: int) -> Callable[..., bytes]:
     return Struct(f"{n}d").pack
 
 
-def _code_of(
+def code_of(
     graph: Graph, k: int, node: Node, liveness: Liveness
 ) -> tuple[Sequence[Expr], Sequence[str]]:
     """Return the expressions of a node and the names that they are assigned to."""

@@ -330,9 +330,7 @@ class Ranges:
             elif isinstance(node, Transformation):
                 matrix = transform_matrix(node.transform, [evaluate(e, values) for e in node.args])
                 if FRAME_SLOTS[0] in self.live[below[0]]:
-                    frame = tuple(values.get(slot, ALL) for slot in FRAME_SLOTS)
-                    inner = compose_matrices(frame, matrix)
-                    values = values | dict(zip(FRAME_SLOTS, inner, strict=True))
+                    values = self.framed(matrix, values)
                 stack.append(_Visit(n, 1, matrix=matrix))
                 stack.append((below[0], values))
             else:
@@ -373,6 +371,13 @@ class Ranges:
         for name, expr in node.assignments:
             below[name] = evaluate(expr, values if node.call else below)
         return below
+
+    @staticmethod
+    def framed(matrix: Matrix, values: Values) -> Values:
+        """Return the values below a transformation where somebody asks for the frame."""
+        frame = tuple(values.get(slot, ALL) for slot in FRAME_SLOTS)
+        inner = compose_matrices(frame, matrix)
+        return values | dict(zip(FRAME_SLOTS, inner, strict=True))
 
     def boxes(self) -> tuple[list[Bounds], Bounds, Bounds]:
         """Return the boxes of all nodes, of the axiom, and of its bounded solids."""

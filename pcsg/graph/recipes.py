@@ -16,9 +16,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from pcsg.graph.expr import Expr, Parameter
+from pcsg.graph.expr import Expr
 from pcsg.graph.graph import Graph
 from pcsg.graph.ranges import Key, Ranges
+from pcsg.graph.sharing import Assign
 from pcsg.graph.states import Start
 from pcsg.graph.transforms import Transform
 from pcsg.vec import Affine
@@ -26,13 +27,6 @@ from pcsg.vec import Affine
 
 class NoRecipe(Exception):
     """The graph has something that recipes cannot tell."""
-
-
-class Assign(NamedTuple):
-    """Register `register` becomes the value of an expression over registers."""
-
-    register: int
-    expr: Expr
 
 
 class Place(NamedTuple):
@@ -167,8 +161,3 @@ class Recipes:
             )
             for entry in self.entries
         ]
-
-
-def register(k: int) -> Parameter:
-    """Return the expression that is the value of register k."""
-    return Parameter(f"r{k}")

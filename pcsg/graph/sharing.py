@@ -1,4 +1,4 @@
-"""Terms that a recipe needs several times become registers of their own.
+"""Terms that are needed several times become registers of their own.
 
 Value numbering (Cocke and Schwartz 1970): equal terms have one number. A macro that is used for
 red, green and blue is written three times into the text, and evaluated once.
@@ -7,35 +7,77 @@ red, green and blue is written three times into the text, and evaluated once.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from pcsg.graph.expr import Apply, Expr, Number, Parameter, operands, postorder
-from pcsg.graph.recipes import Assign, Place, Recipe, register
 
 _FIRST_ONLY = frozenset({"if", "and", "or"})
 """Functions of which only the first argument is always evaluated."""
 
 
-def share_terms(recipe: Recipe) -> None:
-    """Let registers stand for terms that are evaluated anyway and used more than once."""
+class Assign(NamedTuple):
+    """Register `register` becomes the value of an expression over registers."""
+
+    register: int
+    expr: Expr
+
+
+def register(k: int) -> Parameter:
+    """Return the expression that is the value of register k."""
+    return Parameter(f"r{k}")
+
+
+def substitute(expr: Expr, values: Mapping[str, Expr]) -> Expr:
+    """Return an expression with others in place of its parameters."""
+    stack: list[Expr] = []
+    for e in postorder(expr, operands):
+        if isinstance(e, Parameter):
+            stack.append(values[e.name])
+        elif isinstance(e, Apply):
+            at = len(stack) - len(e.args)
+            args = tuple(stack[at:])
+            del stack[at:]
+            stack.append(Apply(e.function, args, e.seeds, e.span))
+        else:
+            stack.append(e)
+    return stack[0]
+
+
+def share_terms(
+    steps: Sequence[Assign | None], registers: int
+) -> tuple[list[tuple[list[Assign], Assign | None]], int]:
+    """Let registers stand for terms that are evaluated anyway and used more than once.
+
+    Parameters
+    ----------
+    steps
+        Assignments, and None for other steps.
+    registers
+        How many registers there are.
+
+    Returns
+    -------
+    steps, registers
+        For every step the assignments that come before it, and what it becomes; the new number.
+    """
     terms = _Terms()
-    roots = [terms.add(s.expr) if isinstance(s, Assign) else -1 for s in recipe.steps]
+    roots = [-1 if s is None else terms.add(s.expr) for s in steps]
     shared = terms.worth_sharing(roots)
-    if not shared:
-        return
     known: dict[int, Parameter] = {}
-    steps: list[Assign | Place] = []
-    for step, root in zip(recipe.steps, roots, strict=True):
-        if isinstance(step, Assign):
+    found: list[tuple[list[Assign], Assign | None]] = []
+    for step, root in zip(steps, roots, strict=True):
+        before: list[Assign] = []
+        if step is not None and shared:
             for k in terms.below(root):
                 if k in shared and k != root and k not in known:
-                    steps.append(Assign(recipe.registers, terms.rebuilt(k, known)))
-                    known[k] = register(recipe.registers)
-                    recipe.registers += 1
+                    before.append(Assign(registers, terms.rebuilt(k, known)))
+                    known[k] = register(registers)
+                    registers += 1
             step = Assign(step.register, terms.rebuilt(root, known))
             known.setdefault(root, register(step.register))
-        steps.append(step)
-    recipe.steps = steps
+        found.append((before, step))
+    return found, registers
 
 
 class _Terms:

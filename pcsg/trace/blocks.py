@@ -56,6 +56,11 @@ CUT_TOLERANCE = 0.01
 """Of the boxes of opened references, relative to their size; exact ones would not pay."""
 
 
+def find_nodes(leaves: NDArray[np.int32], records: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return the node numbers of leaf records, -1 for -1; `leaves` as in `Blocks`."""
+    return np.where(records < 0, -1, leaves[3::4][records]).astype(np.int64)
+
+
 class Blocks(NamedTuple):
     """Blocks and what they refer to, as flat arrays.
 
@@ -112,7 +117,7 @@ class Blocks(NamedTuple):
 
     def find_nodes(self, records: NDArray[np.int32]) -> NDArray[np.int64]:
         """Return the node numbers of leaf records, -1 for -1."""
-        return np.where(records < 0, -1, self.leaves[3::4][records]).astype(np.int64)
+        return find_nodes(self.leaves, records)
 
     @property
     def nbytes(self) -> int:

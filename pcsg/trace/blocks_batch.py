@@ -14,6 +14,7 @@ from pcsg.leaf.dispatch import leaf_part_normal
 from pcsg.leaf.registry import Pool
 from pcsg.trace.coverage import Footprint, stored_normal
 from pcsg.trace.ends import CUT
+from pcsg.trace.expand.table import N_ATTRIBUTES
 from pcsg.trace.found import Found
 from pcsg.trace.kernel import Cut, find_exit, find_first
 from pcsg.trace.precision import Extent, precision_of, store_precision
@@ -29,6 +30,7 @@ from pcsg.trace.traversal import (
     Scratch,
     T,
     Trees,
+    empty_cache,
 )
 from pcsg.vec import Ray, Vec3, load_affine, normalize, transform_normal, transform_ray
 
@@ -115,6 +117,22 @@ def _describe(
         out.local[i, k] = p[k]
 
 
+@njit
+def _keep_record(trees: Trees, attributes: NDArray[np.float64], out: Found, i: int) -> None:
+    """Copy the leaf record of hit i, which is its own from now on: caches are emptied."""
+    record = wide(out.record[i])
+    out.record[i] = i
+    args = wide(trees.leaves[4 * record + 1])
+    for k in range(4):
+        out.leaves[4 * i + k] = trees.leaves[4 * record + k]
+    each = len(out.args) // len(out.t)
+    out.leaves[4 * i + 1] = each * i
+    for k in range(min(each, len(trees.args) - args)):
+        out.args[each * i + k] = trees.args[args + k]
+    for k in range(N_ATTRIBUTES):
+        out.attributes[N_ATTRIBUTES * i + k] = attributes[N_ATTRIBUTES * record + k]
+
+
 @njit(entry=True)
 def find_batch(
     trees: Trees,
@@ -133,6 +151,7 @@ def find_batch(
     end: int,
     found: Found,
     answers: NDArray[np.int8],
+    attributes: NDArray[np.float64],
 ) -> int:
     """Find the first crossings of rays [begin, end).
 
@@ -148,6 +167,8 @@ def find_batch(
         Receives the surfaces; empty where nobody asks for them.
     answers
         Receives HIT, MISS or UNDECIDED for every ray.
+    attributes
+        Of leaf records, where hits have records of their own.
 
     Returns
     -------
@@ -179,6 +200,7 @@ def find_batch(
         if cut is not None:
             width, spread = footprint.width[i], footprint.spread[i]
         store_precision(scratch.small, PRECISION, precision_of(ray, extent))
+        empty_cache(scratch)
         result = find_first(trees, pool, scratch, root, extent, want, ray, cut, width, spread)
         if result == INSIDE:
             result = find_exit(trees, pool, scratch, root, want, ray)
@@ -186,6 +208,8 @@ def find_batch(
         if describe:
             if result == HIT:
                 _describe(trees, pool, scratch, ray, i, cut, found)
+                if len(found.leaves) > 0:
+                    _keep_record(trees, attributes, found, i)
             else:
                 _miss(found, i)
     return status

@@ -23,6 +23,9 @@ MAX_DEPTH = 120
 NEVER = -1
 """Number in place of a coverage: recursion does not end here."""
 
+STAND_IN = -2
+"""The same: below a suspended state recursion ends in what the terminating rule shows."""
+
 CUT = -2_000_000
 """In a path, ``CUT - k`` stands for hit k of the coverage."""
 

@@ -12,7 +12,7 @@ from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_attributes, leaf_other_uv, leaf_uv
 from pcsg.leaf.registry import LEAVES, Pool, Solid
-from pcsg.trace.blocks import Blocks
+from pcsg.trace.blocks import Blocks, find_nodes
 from pcsg.trace.hits import Hits
 from pcsg.trace.surface import MOST
 from pcsg.vec import Vec3
@@ -31,6 +31,9 @@ class Found(NamedTuple):
         World coordinates; unit and outward. Zero where missed.
     local : float64 (N, 3)
         The place in the leaf's frame; zero where missed.
+    leaves, args, attributes
+        Where states are suspended, the leaf records of the hits, as in `Blocks`: each has its own.
+        Else empty.
     """
 
     t: NDArray[np.float64]
@@ -38,15 +41,48 @@ class Found(NamedTuple):
     position: NDArray[np.float64]
     normal: NDArray[np.float64]
     local: NDArray[np.float64]
+    leaves: NDArray[np.int32]
+    args: NDArray[np.float64]
+    attributes: NDArray[np.float64]
 
 
-def make_found(n: int) -> Found:
-    """Return room for what is found of n rays; the kernel writes all of it."""
+_NO_LEAVES, _NO_NUMBERS = np.zeros(0, np.int32), np.zeros(0)
+
+
+class LeafRecords(NamedTuple):
+    """The leaf records that hits refer to, as in `Blocks`."""
+
+    leaves: NDArray[np.int32]
+    args: NDArray[np.float64]
+    attributes: NDArray[np.float64]
+
+
+def records_of(found: Found, blocks: Blocks) -> LeafRecords:
+    """Return the leaf records of what was found in blocks."""
+    if len(found.leaves) == 0:
+        return LeafRecords(blocks.leaves, blocks.args, blocks.attributes)
+    return LeafRecords(found.leaves, found.args, found.attributes)
+
+
+def make_found(n: int, args: int = 0) -> Found:
+    """Return room for what is found of n rays; the kernel writes all of it.
+
+    Parameters
+    ----------
+    args
+        Most arguments of a leaf, where hits have leaf records of their own.
+    """
     # One piece: the system hands it out in large pages, ten times as fast as many small ones.
     room = np.empty(11 * n)
     t, record = room[:n], room[n : 2 * n].view(np.int32)[:n]
-    vectors = (room[k * n : (k + 3) * n].reshape(n, 3) for k in (2, 5, 8))
-    return Found(t, record, *vectors)
+    position, normal, local = (room[k * n : (k + 3) * n].reshape(n, 3) for k in (2, 5, 8))
+    if args == 0:
+        none = _NO_LEAVES, _NO_NUMBERS, _NO_NUMBERS
+        return Found(t, record, position, normal, local, *none)
+    attributes = np.zeros(len(ATTRIBUTE_DEFAULTS) * (n + 1))
+    attributes[-len(ATTRIBUTE_DEFAULTS) :] = ATTRIBUTE_DEFAULTS
+    leaves = np.zeros(4 * n, np.int32)
+    return Found(t, record, position, normal, local, leaves, np.zeros(args * n), attributes)
 
 
 UV, OTHER_UV, OWN = range(3)
@@ -104,12 +140,13 @@ class FoundHits(Hits):
 
     def __init__(self, found: Found, blocks: Blocks, pool: Pool) -> None:
         self._found: Found
-        self._blocks: Blocks
+        self._records: LeafRecords
         self._pool: Pool
         self._walked: tuple[NDArray[np.int64], Hits] | None
         # The fields of hits are frozen.
         vars(self).update(t=found.t, position=found.position, normal=found.normal)
-        vars(self).update(_found=found, _blocks=blocks, _pool=pool, _walked=None)
+        records = records_of(found, blocks)
+        vars(self).update(_found=found, _records=records, _pool=pool, _walked=None)
 
     def replace(self, at: NDArray[np.int64], hits: Hits) -> None:
         """Take some of the hits from elsewhere; once, before anybody asks."""
@@ -126,19 +163,19 @@ class FoundHits(Hits):
 
     def _attribute(self, slots: int | slice, kind: type) -> Any:
         # The last row is for misses, whose record is -1.
-        table = self._blocks.attributes.reshape(-1, len(ATTRIBUTE_DEFAULTS))[:, slots]
+        table = self._records.attributes.reshape(-1, len(ATTRIBUTE_DEFAULTS))[:, slots]
         table = np.clip(table, -MOST, MOST) if kind is np.int64 else table
         return table.astype(kind)[self._found.record]
 
     def _any_leaf_has(self, kernel: str) -> bool:
         solids = tuple(LEAVES.values())
-        kinds = np.flatnonzero(np.bincount(self._blocks.leaves[::4]))
+        kinds = np.flatnonzero(np.bincount(self._records.leaves[::4]))
         default = getattr(Solid, kernel)
         return any(getattr(solids[kind], kernel) is not default for kind in kinds)
 
     def _ask_leaves(self, asked: int, out: NDArray[np.float64]) -> NDArray[np.float64]:
-        found, blocks = self._found, self._blocks
-        arrays = blocks.leaves, blocks.args, self._pool, found.record, found.local
+        found, records = self._found, self._records
+        arrays = records.leaves, records.args, self._pool, found.record, found.local
         ask_leaves(asked, *arrays, out)
         return out
 
@@ -152,7 +189,7 @@ class FoundHits(Hits):
     @cached_property
     def leaf(self) -> Any:
         """Numbers of the leaf nodes."""
-        return self._complete("leaf", self._blocks.find_nodes(self._found.record))
+        return self._complete("leaf", find_nodes(self._records.leaves, self._found.record))
 
     @cached_property
     def uv(self) -> Any:

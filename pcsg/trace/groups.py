@@ -19,9 +19,9 @@ from pcsg.graph.states import Combine, LeafItem, LeafStep, OperationStep, StateG
 from pcsg.simd import WIDTH
 from pcsg.vec import IDENTITY, Affine
 
-BLOCK, INSTANCE, LEAF, OPERATION, SMALL, SUSPENDED, LAZY_LEAF, EMPTY = range(8)
+BLOCK, INSTANCE, SUSPENDED, LEAF, OPERATION, SMALL, LAZY_LEAF, EMPTY = range(8)
 """Kinds of references. SMALL is an operation as a truth table, BLOCK leads to further references,
-SUSPENDED to a state that is made on demand (`slots`), whose primitives are LAZY_LEAF;
+SUSPENDED is an instance of a state that is expanded when a ray comes by (`expand.cache`);
 groups themselves have neither."""
 
 assert (BLOCK, EMPTY) == (bvh.BLOCK, bvh.EMPTY)

@@ -26,13 +26,14 @@ from pcsg.trace.coverage import Coverage, draw_hit
 from pcsg.trace.ends import (
     CUT,
     MAX_DEPTH,
+    STAND_IN,
     area_of,
     begin_levels,
     go_down,
     middle_of,
     squared_size,
 )
-from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
+from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL, SUSPENDED
 from pcsg.trace.owner import find_owner
 from pcsg.trace.precision import Extent, is_far, is_touch, load_precision, tolerance
 from pcsg.trace.question import ask, meets_subtracted
@@ -47,6 +48,7 @@ from pcsg.trace.traversal import (
     PATH,
     PRECISION,
     STACK,
+    STAND_INS,
     UNDECIDED,
     VISITS,
     Scratch,
@@ -56,6 +58,7 @@ from pcsg.trace.traversal import (
     comes_first,
     copy_path,
     cross_reference,
+    find_expansion,
     is_sheet,
     keep_path,
     keep_surface,
@@ -78,7 +81,7 @@ class Cut(NamedTuple):
     cover
         Areas of states; `Coverage.leaves` are leaf records.
     of_reference : int32 (R,)
-        Number in `cover` of what an instance leads to, or NEVER.
+        Number in `cover` of what an instance leads to, NEVER, or STAND_IN.
     boxes : float32 (6 R,)
         Boxes of references, in the frame of their group.
     sizes : float64 (3 R,)
@@ -182,9 +185,13 @@ def find_first(
         index = code >> 3
         found = False
         ends = False
-        if cut is not None and kind == INSTANCE:
+        shown = 0
+        if cut is not None and kind in (INSTANCE, SUSPENDED):
             footprint = width + spread * max(entry, 0.0)
             ends = squared_size(cut.linear, at_level, cut.sizes, index) < footprint * footprint
+            if ends and cut.of_reference[place(index)] == STAND_IN:
+                ends = False
+                shown = scratch.frames[place(STAND_INS)]
             if ends:
                 for k in range(6):
                     cut.box[k] = cut.boxes[6 * index + k]
@@ -200,13 +207,13 @@ def find_first(
                     keep_path(paths, at_level + 1, CUT - drawn, HIT_PATH)
         if ends:
             pass
-        elif kind <= INSTANCE:
+        elif kind <= SUSPENDED:
             block = index
-            if kind == INSTANCE or at_level != present:
+            if kind != BLOCK or at_level != present:
                 ray = load_ray(rays, at_level)
                 about = load_beginning(rays, at_level)
                 present = at_level
-                if kind == INSTANCE:
+                if kind != BLOCK:
                     if at_level + 4 >= MAX_DEPTH:
                         return UNDECIDED
                     paths[place(at_level)] = index
@@ -218,6 +225,10 @@ def find_first(
                     about = choose_beginning(entry, near)
                     store_ray(rays, present, ray, about)
                     block = wide(trees.targets[place(index)])
+                    if kind == SUSPENDED:
+                        block = wide(find_expansion(scratch, shown + block))
+                        if block < 0:
+                            return UNDECIDED
                     scratch.frames[VISITS + 1] += 1
                 slabs = make_slabs(ray, about, scratch.slabs)
             scratch.frames[VISITS] += 1

@@ -20,10 +20,18 @@ from pcsg.leaf.dispatch import leaf_inside
 from pcsg.leaf.registry import Pool
 from pcsg.simd import WIDTH, count_trailing_zeros
 from pcsg.trace.ends import MAX_DEPTH
-from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION
+from pcsg.trace.groups import BLOCK, LEAF, OPERATION, SUSPENDED
 from pcsg.trace.precision import Extent, precision_of, tolerance
 from pcsg.trace.small import ENTRY, HEADER
-from pcsg.trace.traversal import FRAME, NONE, STACK, UNDECIDED, Scratch, Trees
+from pcsg.trace.traversal import (
+    FRAME,
+    NONE,
+    STACK,
+    UNDECIDED,
+    Scratch,
+    Trees,
+    find_expansion,
+)
 from pcsg.vec import (
     IDENTITY,
     Affine,
@@ -120,15 +128,19 @@ def find_within(
             base, mask = top, 0
             code = wide(trees.operations[target + 3]) << 3 | BLOCK
             continue
-        if kind <= INSTANCE:
+        if kind <= SUSPENDED:
             block = index
-            if kind == INSTANCE:
+            if kind != BLOCK:
                 if level + 2 >= MAX_DEPTH:
                     return UNDECIDED
                 _go_down(trees, matrices, index, level)
                 level += 1
                 present = -1
                 block = wide(trees.targets[index])
+                if kind == SUSPENDED:
+                    block = wide(find_expansion(scratch, block))
+                    if block < 0:
+                        return UNDECIDED
             if top >= STACK - WIDTH:
                 return UNDECIDED
             if level != present:

@@ -14,7 +14,7 @@ from pcsg.jit import njit
 from pcsg.leaf.registry import ALL, OVERFLOW, Pool
 from pcsg.simd import WIDTH
 from pcsg.trace.ends import MAX_DEPTH
-from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
+from pcsg.trace.groups import BLOCK, LEAF, OPERATION, SMALL, SUSPENDED
 from pcsg.trace.merge import TABLES, truth
 from pcsg.trace.precision import is_touch, load_precision, tolerance
 from pcsg.trace.traversal import (
@@ -32,6 +32,7 @@ from pcsg.trace.traversal import (
     comes_first,
     copy_path,
     cross_reference,
+    find_expansion,
     is_sheet,
     keep_surface,
     load_ray,
@@ -93,12 +94,12 @@ def find_owner(
         kind = code & 7
         index = code >> 3
         found = False
-        if kind <= INSTANCE:
+        if kind <= SUSPENDED:
             block = index
-            if kind == INSTANCE or at_level != present:
+            if kind != BLOCK or at_level != present:
                 ray = load_ray(rays, at_level)
                 present = at_level
-                if kind == INSTANCE:
+                if kind != BLOCK:
                     if at_level + 4 >= MAX_DEPTH:
                         return UNDECIDED, UNDECIDED, t
                     paths[at_level] = index
@@ -106,6 +107,10 @@ def find_owner(
                     present = at_level + 1
                     store_ray(rays, present, ray, low)
                     block = wide(trees.targets[index])
+                    if kind == SUSPENDED:
+                        block = wide(find_expansion(scratch, block))
+                        if block < 0:
+                            return UNDECIDED, UNDECIDED, t
                     scratch.frames[VISITS + 1] += 1
                 slabs = make_slabs(ray, low, scratch.slabs)
             scratch.frames[VISITS] += 1

@@ -21,7 +21,7 @@ from pcsg.jit import njit
 from pcsg.leaf.registry import ALL, OVERFLOW, Pool
 from pcsg.simd import WIDTH
 from pcsg.trace.ends import MAX_DEPTH
-from pcsg.trace.groups import BLOCK, INSTANCE, LEAF, OPERATION, SMALL
+from pcsg.trace.groups import BLOCK, LEAF, OPERATION, SMALL, SUSPENDED
 from pcsg.trace.precision import is_touch, load_precision, tolerance
 from pcsg.trace.traversal import (
     ENDS,
@@ -40,6 +40,7 @@ from pcsg.trace.traversal import (
     comes_first,
     copy_path,
     cross_reference,
+    find_expansion,
     keep_surface,
     load_beginning,
     load_ray,
@@ -112,13 +113,13 @@ def ask(
         returns = False
         state = 0
         u = nearest
-        if kind <= INSTANCE:
+        if kind <= SUSPENDED:
             block = index
-            if kind == INSTANCE or at_level != present:
+            if kind != BLOCK or at_level != present:
                 ray = load_ray(rays, at_level)
                 about = load_beginning(rays, at_level)
                 present = at_level
-                if kind == INSTANCE:
+                if kind != BLOCK:
                     if at_level + 4 >= MAX_DEPTH:
                         return UNDECIDED, t, False
                     paths[at_level] = index
@@ -127,6 +128,10 @@ def ask(
                     about = choose_beginning(entry, t)
                     store_ray(rays, present, ray, about)
                     block = wide(trees.targets[index])
+                    if kind == SUSPENDED:
+                        block = wide(find_expansion(scratch, block))
+                        if block < 0:
+                            return UNDECIDED, t, False
                     scratch.frames[VISITS + 1] += 1
                 slabs = make_slabs(ray, about, scratch.slabs)
             scratch.frames[VISITS] += 1

@@ -14,8 +14,8 @@ from pcsg.graph.expr import Expr, Number, Parameter, parameters_of
 from pcsg.graph.extents import leaf_extent
 from pcsg.graph.hulls import Bounds
 from pcsg.graph.nodes import Leaf
+from pcsg.graph.parametric_bounds import Sides
 from pcsg.graph.recipes import (
-    Assign,
     EntryPart,
     FixedPart,
     LeafPart,
@@ -24,9 +24,9 @@ from pcsg.graph.recipes import (
     Place,
     Recipe,
     Recipes,
-    register,
 )
-from pcsg.graph.sides import Sides, entry_sides
+from pcsg.graph.sharing import Assign, register
+from pcsg.graph.sides import entry_sides
 from pcsg.graph.tape import Program
 from pcsg.leaf.registry import Solid
 from pcsg.slabs import WIDTH

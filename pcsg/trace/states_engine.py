@@ -76,7 +76,7 @@ class StatesEngine:
         States that are opened on the way are instances, wherever they are kept.
         """
         with self._lock:
-            visits = sum((s.frames[VISITS:] for s in self._scratches), np.zeros(3))
+            visits = sum((s.frames[VISITS : VISITS + 3] for s in self._scratches), np.zeros(3))
         names = ("blocks", "instances", "leaves")
         per_ray = visits / max(1, self._rays)
         return {"rays": self._rays, **dict(zip(names, map(float, per_ray), strict=True))}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
@@ -26,13 +27,16 @@ from pcsg.trace.coverage import (
     Footprint,
     Sampled,
     Space,
+    average,
     gather_coverage,
     make_space,
     measure,
 )
 from pcsg.trace.ends import NEVER
+from pcsg.trace.expand.cache import EXPANSIONS
+from pcsg.trace.expand.suspended import SuspendedBlocks
 from pcsg.trace.found import Found, FoundHits, make_found
-from pcsg.trace.groups import BLOCK, INSTANCE
+from pcsg.trace.groups import BLOCK, INSTANCE, SUSPENDED
 from pcsg.trace.hits import Hits, RaySpans, Spans, join_spans
 from pcsg.trace.kernel import Cut
 from pcsg.trace.membership import contain_batch, make_matrices
@@ -78,6 +82,8 @@ class StatesTracer(StatesEngine):
         Most threads of one call; by default one for each processor.
     may_shrink
         Returns whether a module's frame may be below rounding, where it is empty.
+    suspended
+        Where states are suspended: the blocks with room for them.
     """
 
     kernel: Any = find_batch
@@ -89,13 +95,44 @@ class StatesTracer(StatesEngine):
         walker: Callable[[], Walker],
         threads: int | None = None,
         may_shrink: Callable[[], bool] = lambda: True,
+        suspended: SuspendedBlocks | None = None,
     ) -> None:
         super().__init__(blocks, models, walker, threads)
         self._find_shrunk = may_shrink
         self._extent = extent_of(self.blocks.box)
+        self._suspended = suspended
+        self._attributes, self._ref_boxes = blocks.attributes, blocks.ref_boxes
+        if suspended is not None:
+            self._trees, self._attributes = suspended.trees, suspended.attributes
+            self._ref_boxes = suspended.endings.boxes
+
+    @property
+    def nbytes(self) -> dict[str, int]:
+        """Bytes of what rays read."""
+        found = super().nbytes
+        return found if self._suspended is None else {**found, "blocks": self._suspended.nbytes}
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of blocks; of suspended states, and how often one has been expanded."""
+        found = super().counts
+        if self._suspended is None:
+            return found
+        expansions = self._suspended.count(EXPANSIONS)
+        return {**found, "suspended": self._suspended.n_suspended, "expansions": expansions}
+
+    @property
+    def profile(self) -> dict[str, float]:
+        """As for `StatesEngine`, and how many states a ray has expanded."""
+        found = super().profile
+        if self._suspended is None:
+            return found
+        expansions = self._suspended.count(EXPANSIONS)
+        return {**found, "expansions": expansions / max(1, self._rays)}
 
     def _find_hits(self, rays: Rays, footprint: Footprint | None) -> Hits:
-        found = make_found(len(rays.origins))
+        args = 0 if self._suspended is None else self._suspended.args
+        found = make_found(len(rays.origins), args)
         answers = self._find(rays, FIRST, found, footprint)
         hits = FoundHits(found, self.blocks, self._pool)
         walked = np.flatnonzero(answers == UNDECIDED)
@@ -115,20 +152,20 @@ class StatesTracer(StatesEngine):
         answers = np.zeros(len(places), np.int8)
 
         def work(begin: int, end: int) -> None:
-            scratch, _ = self._own()
             root, extent = self.blocks.root, self._extent
-            contain_batch(
-                self._trees,
-                self._pool,
-                scratch,
-                make_matrices(),
-                root,
-                extent,
-                places,
-                begin,
-                end,
-                answers,
-            )
+            with self._working() as (scratch, _):
+                contain_batch(
+                    self._trees,
+                    self._pool,
+                    scratch,
+                    make_matrices(),
+                    root,
+                    extent,
+                    places,
+                    begin,
+                    end,
+                    answers,
+                )
 
         run_chunks(len(places), self.threads, work, self._pace)
         inside: NDArray[np.bool_] = answers == 1
@@ -159,23 +196,23 @@ class StatesTracer(StatesEngine):
         records = np.zeros((n, 2 * room), np.int32)
 
         def work(begin: int, end: int) -> None:
-            scratch, _ = self._own()
-            span_batch(
-                self._trees,
-                self._pool,
-                scratch,
-                self.blocks.root,
-                self._extent,
-                self.blocks.box,
-                origins,
-                directions,
-                begin,
-                end,
-                room,
-                counts,
-                ends.reshape(-1),
-                records.reshape(-1),
-            )
+            with self._working() as (scratch, _):
+                span_batch(
+                    self._trees,
+                    self._pool,
+                    scratch,
+                    self.blocks.root,
+                    self._extent,
+                    self.blocks.box,
+                    origins,
+                    directions,
+                    begin,
+                    end,
+                    room,
+                    counts,
+                    ends.reshape(-1),
+                    records.reshape(-1),
+                )
 
         run_chunks(n, self.threads, work, self._pace)
         used = np.arange(2 * room) < counts[:, None]
@@ -219,37 +256,48 @@ class StatesTracer(StatesEngine):
         answers = np.empty(n, np.int8)
 
         def work(begin: int, end: int) -> None:
-            scratch, space = self._own()
-            cut = None
-            if ends is not None and limits is not None:
-                cut = Cut(ends.cover, ends.of_place, self.blocks.ref_boxes, *limits, *space)
-            status = find_batch(
-                self._trees,
-                self._pool,
-                scratch,
-                root,
-                extent,
-                want,
-                cut,
-                NO_FOOTPRINT if footprint is None else footprint,
-                *rays,
-                begin,
-                end,
-                _NOWHERE if out is None else out,
-                answers,
-            )
+            with self._working() as (scratch, space):
+                cut = None
+                if ends is not None and limits is not None:
+                    cut = Cut(ends.cover, ends.of_place, self._ref_boxes, *limits, *space)
+                status = find_batch(
+                    self._trees,
+                    self._pool,
+                    scratch,
+                    root,
+                    extent,
+                    want,
+                    cut,
+                    NO_FOOTPRINT if footprint is None else footprint,
+                    *rays,
+                    begin,
+                    end,
+                    _NOWHERE if out is None else out,
+                    answers,
+                    self._attributes,
+                )
             if status == BAD_RAY:
                 check_values(rays)
 
         run_chunks(n, self.threads, work, self._pace)
         return answers
 
-    def _own(self) -> tuple[Scratch, Space]:
-        if not hasattr(self._local, "own"):
-            self._local.own = make_scratch(), make_space()
-            self._remember(self._local.own[0])
-        own: tuple[Scratch, Space] = self._local.own
-        return own
+    @contextmanager
+    def _working(self) -> Iterator[tuple[Scratch, Space]]:
+        """Provide what one thread works with."""
+        if self._suspended is None:
+            if not hasattr(self._local, "own"):
+                self._local.own = make_scratch(), make_space()
+                self._remember(self._local.own[0])
+            yield self._local.own
+            return
+        own, is_new = self._suspended.take()
+        if is_new:
+            self._remember(own.scratch)
+        try:
+            yield own.scratch, own.space
+        finally:
+            self._suspended.give_back(own)
 
     @property
     def _ends(self) -> tuple[Ends, _Limits] | None:
@@ -258,48 +306,87 @@ class StatesTracer(StatesEngine):
 
     @cached_property
     def _measured(self) -> tuple[Ends, _Limits] | None:
-        """Measure what instances lead to; None where there is none.
+        """Measure what instances lead to, and suspended states; None where there is none.
 
         Hierarchies of what is flattened end within a block or two of a pixel anyway.
         """
-        blocks = self.blocks
-        kinds = blocks.refs & 7
-        instances = _different(blocks.refs[kinds == INSTANCE] >> 3)
-        if len(instances) == 0:
+        blocks, suspended = self.blocks, self._suspended
+        instances = _different(blocks.refs[(blocks.refs & 7) == INSTANCE] >> 3)
+        if len(instances) == 0 and (suspended is None or suspended.n_suspended == 0):
             return None
         below = blocks.targets[instances]
         of_place = np.full(len(blocks.targets), NEVER, np.int32)
         uses = np.bincount(below)
+        kinds = 0 if suspended is None else len(suspended.examples)
         # What stands in most places comes first, if there is too much of it.
-        most = min(RAYS_IN_ALL // (BINS * _FEWEST), (uses > 0).sum())
+        most = min(RAYS_IN_ALL // (BINS * _FEWEST) - kinds, (uses > 0).sum())
         targets = sorted(np.argsort(-uses, kind="stable")[:most])
-        per_bin = min(RAYS_IN_ALL // (BINS * len(targets)), RAYS_PER_BIN)
+        per_bin = min(RAYS_IN_ALL // (BINS * max(1, len(targets) + kinds)), RAYS_PER_BIN)
         collected: list[Collected] = []
         for target in targets:
             box = _box_of(blocks, target)
             if np.isfinite(box).all() and (box[:3] <= box[3:]).all():
                 of_place[instances[below == target]] = len(collected)
                 collected.append(measure(box, self._sampler(target, box), int(target), per_bin))
-        return Ends(gather_coverage(collected), of_place), _limit(blocks, of_place)
+        if suspended is None:
+            return Ends(gather_coverage(collected), of_place), _limit(blocks, of_place)
+        self._measure_suspended(suspended, collected, per_bin)
+        limits = _limit(blocks, of_place)
+        endings, n = suspended.endings, len(of_place)
+        endings.of_reference[:n] = of_place
+        endings.sizes[: 3 * n] = limits.sizes
+        suspended.goes_on[:n] = limits.goes_on
+        suspended.note_endings()
+        ends = Ends(gather_coverage(collected), endings.of_reference)
+        return ends, _Limits(endings.sizes, suspended.goes_on)
 
-    def _sampler(self, target: np.intp, box: Floats) -> Callable[[Floats, Floats], Sampled]:
-        """Return what casts rays through a group, all of it."""
+    def _measure_suspended(
+        self, suspended: SuspendedBlocks, collected: list[Collected], per_bin: int
+    ) -> None:
+        """Measure suspended states of every kind."""
+        for entry, records in suspended.examples.items():
+            found: list[Found] = []
+            parts: list[Collected] = []
+            each = max(1, per_bin // len(records))
+            for record in records:
+                block, box = suspended.place_example(record)
+                cast = self._sampler(np.intp(block), box, found)
+                parts.append(measure(box, cast, record, each))
+            mean = average(parts)
+            kept = suspended.keep_records(found, mean.leaves)
+            suspended.name_entry(entry, len(collected))
+            collected.append(mean._replace(leaves=kept))
+
+    def _sampler(
+        self, target: np.intp, box: Floats, kept: list[Found] | None = None
+    ) -> Callable[[Floats, Floats], Sampled]:
+        """Return what casts rays through a group, all of it.
+
+        Parameters
+        ----------
+        kept
+            Receives what is found, where hits have leaf records of their own; then leaves are
+            numbers of rays, those of a batch behind those of the batches before.
+        """
         extent = extent_of(box.reshape(2, 3))
 
         # Nothing ends here, but the kernel is the one that pictures need anyway.
-        nowhere = np.full(len(self.blocks.targets), NEVER, np.int32)
+        rows = len(self._ref_boxes) // 6
+        nowhere = np.full(rows, NEVER, np.int32)
         ends = Ends(gather_coverage([]), nowhere)
-        limits = _Limits(np.full(3 * len(nowhere), np.inf), np.zeros(len(nowhere), np.bool_))
+        limits = _Limits(np.full(3 * rows, np.inf), np.zeros(rows, np.bool_))
 
         def cast(origins: Floats, directions: Floats) -> Sampled:
             n = len(origins)
             wide = Footprint(np.zeros(n), np.zeros(n))
-            out = make_found(n)
+            out = make_found(n, 0 if self._suspended is None else self._suspended.args)
             rays = shape_rays(origins, directions, 0.0, math.inf)
             answers = self._cast(rays, FIRST, out, wide, ends, int(target), extent, limits)
-            return Sampled(
-                answers == HIT, out.normal, np.zeros((n, 0)), out.record.astype(np.int64)
-            )
+            leaves = out.record.astype(np.int64)
+            if kept is not None:
+                leaves += n * len(kept)
+                kept.append(out)
+            return Sampled(answers == HIT, out.normal, np.zeros((n, 0)), leaves)
 
         return cast
 
@@ -331,13 +418,14 @@ def _limit(blocks: Blocks, of_place: NDArray[np.int32]) -> _Limits:
     planes = blocks.boxes.reshape(-1, 6, WIDTH)
     codes = blocks.refs.reshape(-1, WIDTH)
     kinds = np.where(planes[:, 0] <= planes[:, 3], codes & 7, -1)
-    instances = kinds == INSTANCE
-    number = np.where(instances, codes >> 3, 0)
+    instances, suspended = kinds == INSTANCE, kinds == SUSPENDED
+    number = np.where(instances | suspended, codes >> 3, 0)
     goes_on = np.zeros(len(never), dtype=bool)
+    goes_on[number[suspended]] = True
     outer, slots = np.nonzero(kinds == BLOCK)
     inner = codes[outer, slots] >> 3
     while True:
-        may_end = (instances & (~never | goes_on)[number]).any(axis=1)
+        may_end = ((instances | suspended) & (~never | goes_on)[number]).any(axis=1)
         known = -1
         while known < (known := int(may_end.sum())):
             np.logical_or.at(may_end, outer, may_end[inner])

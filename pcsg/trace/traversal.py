@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.addresses import call_at
 from pcsg.geometry.slabs import Slabs
 from pcsg.indices import place, wide
 from pcsg.jit import njit
@@ -31,6 +32,12 @@ PATH = MAX_DEPTH + 4
 FRAME, LIMITS = 6, 5
 VISITS = FRAME * MAX_DEPTH
 """Behind the frames: how many blocks, instances and leaves were visited so far."""
+
+EXPANDER, WORDS, IS_FULL, GENERATION, STAND_INS, MEMO = range(VISITS + 3, VISITS + 9)
+"""Behind these, where states are suspended: the addresses of what expands them (`expand.cache`) and
+of its words; whether there is little room left; the generation of all that has been expanded; how
+many states there are; and for every state the generation of its expansion and its first block,
+``generation << 32 | block``. What stands for state k has the number STAND_INS + k."""
 
 SLOT = -1_000_000
 """In a path, ``SLOT - k`` stands before the reference of primitive k of a small operation."""
@@ -85,11 +92,11 @@ class Scratch(NamedTuple):
         References on the way: an instance or an operation, then its operand as ``-1 - k``. Then,
         `PATH` entries each, the paths to the ends that questions have found at every level, and
         to the first hit at `HIT_PATH`: the number of references first, the leaf's last.
-    frames, limits : int64 (VISITS + 3,), float64 (LIMITS MAX_DEPTH,)
+    frames, limits : int64 (MEMO + 2 N,), float64 (LIMITS MAX_DEPTH,)
         Operations that wait for an operand's answer: place in `operations`, operands done, level,
         and stack base, kept path and stack top of the question that met it; its limit, how far it
         looked, its nearest end, until where the operation stays as it is, and until where
-        all operands are known. See `VISITS` for the last three.
+        all operands are known. See `VISITS` and `MEMO` for what stands behind.
     slots : int32
         Primitives that the crossings of a small operation belong to.
     small : float64
@@ -113,14 +120,18 @@ class Scratch(NamedTuple):
     entries: NDArray[np.float32]
 
 
-def make_scratch() -> Scratch:
-    """Return working space for one thread."""
+def make_scratch(suspended: int = 0) -> Scratch:
+    """Return working space for one thread, and so many suspended states."""
+    frames = np.zeros(MEMO + 2 * suspended, np.int64)
+    frames[STAND_INS] = suspended
+    # Memos of generation 0 are none.
+    frames[GENERATION] = 1
     return Scratch(
         entry_t=np.zeros(STACK),
         entry_ref=np.zeros(STACK, np.int64),
         rays=np.zeros(8 * PATH),
         paths=np.zeros(PATH * (PATH + 2), np.int32),
-        frames=np.zeros(VISITS + 3, np.int64),
+        frames=frames,
         limits=np.zeros(LIMITS * MAX_DEPTH),
         slots=np.zeros(ENDS + 64, np.int32),
         small=np.zeros(ENDS + 65),
@@ -167,6 +178,26 @@ def load_ray(rays: NDArray[np.float64], level: int, low: float = 0.0, high: floa
 def load_beginning(rays: NDArray[np.float64], level: int) -> float:
     """Return where the ray of a level is near the level's boxes."""
     return rays[place(8 * level + 6)]  # type: ignore[no-any-return]
+
+
+@njit
+def find_expansion(scratch: Scratch, suspended: int) -> int:
+    """Return the first block of what a suspended state comes to, expanded if it has not been.
+
+    -1 where that is not possible; the walker tells why.
+    """
+    frames = scratch.frames
+    memo = frames[MEMO + suspended]
+    if memo >> 32 == frames[GENERATION]:
+        return wide(memo & 0xFFFFFFFF)
+    return call_at(frames[EXPANDER], frames[WORDS], suspended)  # type: ignore[no-any-return]
+
+
+@njit(inline=True)
+def empty_cache(scratch: Scratch) -> None:
+    """Forget what has been expanded, where there is little room left; only between two rays."""
+    if scratch.frames[place(IS_FULL)] != 0:
+        call_at(scratch.frames[place(EXPANDER)], scratch.frames[place(WORDS)], -1)
 
 
 @njit

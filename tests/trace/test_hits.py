@@ -135,9 +135,10 @@ def test_a_ray_that_cannot_be_traced_leaves_the_others_answered() -> None:
     rays = shape_rays(origins, directions, 0.0, np.inf)
     for array in found:
         array[...] = 99
-    scratch, _ = tracer._own()
-    arrays = tracer._trees, tracer._pool, scratch, tracer.blocks.root, tracer._extent
-    status = find_batch(*arrays, FIRST, None, NO_FOOTPRINT, *rays, 0, len(origins), found, answers)
+    with tracer._working() as (scratch, _):
+        arrays = tracer._trees, tracer._pool, scratch, tracer.blocks.root, tracer._extent
+        out = found, answers, tracer._attributes
+        status = find_batch(*arrays, FIRST, None, NO_FOOTPRINT, *rays, 0, len(origins), *out)
     assert status == BAD_RAY
     assert answers[3] == MISS and found.t[3] == np.inf and found.record[3] == -1
     assert not (answers == 99).any() and not any((array == 99).any() for array in found)

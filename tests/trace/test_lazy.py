@@ -25,7 +25,6 @@ from pcsg.graph.sides import entry_sides
 from pcsg.scene import Scene
 from pcsg.trace.coverage import Footprint
 from pcsg.trace.lazy import LazyTracer
-from pcsg.trace.tracer import StatesTracer
 from pcsg.trace.walker import Walker
 
 GRAMMARS = Path(__file__).parents[2] / "grammars"
@@ -126,13 +125,14 @@ def test_a_scene_takes_lazy_states_where_there_are_too_many() -> None:
 
 
 def test_what_cannot_be_made_on_demand_is_walked_and_says_why() -> None:
-    text = PLANT.replace("color(0.2", "(box & uscale(rand(s,8)+0.5) sphere) | color(0.2") % 13
+    # A half-space at every place has no bounds, and there is no end of them.
+    text = "{n=1} A\nA 1 + (n < 0)\n2: A -> box\n" + (
+        "1: A -> (sphere & move(n,0,0) halfspace) | halfspace | {n=n+1} move(1,0,0) A\n"
+    )
     scene = Scene(load_text(text), block_memory=0)
     assert isinstance(scene.tracer, Walker)
-    with pytest.raises(UsageError, match="an operation"):
+    with pytest.raises(UsageError, match="without bounds"):
         Scene(load_text(text), engine="states", block_memory=0)
-    # Where memory has room, there is nothing to be made on demand.
-    assert isinstance(Scene(load_text(text)).tracer, StatesTracer)
 
 
 def test_what_leads_back_to_itself_is_walked_and_says_why() -> None:

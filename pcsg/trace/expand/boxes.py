@@ -17,13 +17,13 @@ from pcsg.graph.operators import DIFFERENCE, UNION
 from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_support
 from pcsg.simd import WIDTH
-from pcsg.trace.bounding import CORNERS, SUPPORT, pad_box
-from pcsg.trace.expand.clusters import CLUSTER, Sizes
+from pcsg.trace.bounding import CORNERS, SUPPORT, bound_box, pad_box
+from pcsg.trace.expand.clusters import BOUNDS, CLUSTER, Sizes, is_suspended
 from pcsg.trace.expand.layout import Layout, LayoutWork, instance_matrix, item_matrix
 from pcsg.trace.expand.programs import L_SHAPE, L_SHAPE_AT, L_SOLID, LEAF_FIELDS, Programs
 from pcsg.trace.expand.shapes import bound_shape, join_box, start_box
 from pcsg.trace.expand.table import LEAF, OPERATION, STATE, Table
-from pcsg.trace.groups import BLOCK, EMPTY, INSTANCE, SMALL
+from pcsg.trace.groups import BLOCK, EMPTY, INSTANCE, SMALL, SUSPENDED
 from pcsg.trace.groups import LEAF as LEAF_REF
 from pcsg.trace.small import ENTRY, HEADER
 from pcsg.vec import Affine, Vec3, load_affine, store_affine
@@ -38,6 +38,14 @@ TOLERANCE = 0.01
 def bound_leaf(programs: Programs, table: Table, i: int, m: Affine, work: LayoutWork) -> None:
     """Write the box of a leaf to `work.box`."""
     bound_shape(programs, table, i, m, work.sides, work.box)
+
+
+@njit
+def bound_suspended(sizes: Sizes, state: int, m: Affine, box: NDArray[np.float64]) -> None:
+    """Write the box of a state that has not been expanded."""
+    at = BOUNDS * state
+    bound_box(m, sizes.bounds, at, 0.0, 0.0, 0.0, sizes.bounds[at + 6], box, 0)
+    pad_box(box)
 
 
 @njit
@@ -98,6 +106,10 @@ def bound_item(
         if kind == STATE and sizes.flags[target] & CLUSTER:
             m = instance_matrix(table, layout, i, outer)
             bound_instance(programs, table, layout, out, work, layout.list_of[target], m)
+            join_box(boxes, 12 * level, work.box, 0)
+            continue
+        if kind == STATE and is_suspended(table, target):
+            bound_suspended(sizes, target, item_matrix(table, i, outer), work.box)
             join_box(boxes, 12 * level, work.box, 0)
             continue
         if frames[at] >= end and operation_end < 0:
@@ -184,6 +196,10 @@ def find_support(
                     reach = min(bound, offset + _box_support(out, index, k, d))
                     if reach > best:
                         n = _push(heap, codes, n, reach, d, offset, inner)
+            continue
+        if kind == SUSPENDED:
+            # What is there is not known better than its box.
+            best = max(best, bound)
             continue
         m = load_affine(layout.matrices, 12 * index)
         offset += d.x * m.m03 + d.y * m.m13 + d.z * m.m23

@@ -24,7 +24,7 @@ from pcsg.trace.expand.frames import (
     store_origin,
 )
 from pcsg.trace.expand.programs import HAS_DATA, IS_EMPTY, IS_SHEET, L_FLAGS, LEAF_FIELDS, Programs
-from pcsg.trace.expand.table import LEAF, N_STATES, OPERATION, STATE, Table
+from pcsg.trace.expand.table import LEAF, OPERATION, STATE, Table
 from pcsg.trace.small import MAX_PRIMITIVES
 from pcsg.vec import Vec3
 
@@ -37,6 +37,10 @@ MOST_COPIED = 64
 PLAIN, SHEETS, CLUSTER, FAR = 1, 2, 4, 8
 """PLAIN: only leaves without data and without sheets, none of them in another cluster. SHEETS:
 there are sheets below. FAR: a cluster whose frame must not be left, see `frames`."""
+
+
+BOUNDS = 7
+"""Numbers of the bounds of a state that is suspended."""
 
 
 class Sizes(NamedTuple):
@@ -59,6 +63,8 @@ class Sizes(NamedTuple):
     flags, flags_of : int32
     copies : float64
         How often a state stands in its surroundings.
+    bounds : float64 (7 N,)
+        Of states that are suspended: box, and reach from the origin.
     """
 
     leaves: NDArray[np.float64]
@@ -69,6 +75,7 @@ class Sizes(NamedTuple):
     depth: NDArray[np.int32]
     flags: NDArray[np.int32]
     copies: NDArray[np.float64]
+    bounds: NDArray[np.float64]
     leaves_of: NDArray[np.float64]
     refs_of: NDArray[np.int32]
     rows_of: NDArray[np.int32]
@@ -81,12 +88,18 @@ class Sizes(NamedTuple):
 def make_sizes(states: int, items: int) -> Sizes:
     """Return room for the sizes of states and items."""
     # What is laid out fits into memory, so that its numbers are small.
-    kinds = {"leaves": np.float64, "copies": np.float64}
+    kinds = {"leaves": np.float64, "copies": np.float64, "bounds": np.float64}
     room: dict[str, Any] = {}
     for name in Sizes._fields:
         kind = kinds.get(name.removesuffix("_of"), np.int32)
         room[name] = np.zeros(items if name.endswith("_of") else states, kind)
     return Sizes(**room)
+
+
+@njit(inline=True)
+def is_suspended(table: Table, state: int) -> bool:
+    """Return whether a state's program has not run."""
+    return bool(table.first[state] < 0)
 
 
 @njit(entry=True)
@@ -134,9 +147,12 @@ def order_states(
 @njit(entry=True)
 def count_leaves(programs: Programs, table: Table, sizes: Sizes, order: NDArray[np.int32]) -> None:
     """Fill in the leaves of states and items, and the flag of sheets."""
-    for k in range(table.counters[N_STATES]):
-        s = order[k]
+    for s in order:
         total, flags = 0.0, 0
+        if is_suspended(table, s):
+            total = 1.0
+            if programs.below[table.program[s]] & IS_SHEET:
+                flags = SHEETS
         for i in range(table.last[s] - 1, table.first[s] - 1, -1):
             kind, target = table.kind[i], table.target[i]
             if kind == LEAF:
@@ -181,7 +197,7 @@ def choose_clusters(table: Table, sizes: Sizes, frames: Frames, order: NDArray[n
     framed = len(frames.widths) > 0
     sizes.copies[0] = 1.0
     sizes.flags[0] |= CLUSTER
-    for k in range(table.counters[N_STATES] - 1, -1, -1):
+    for k in range(len(order) - 1, -1, -1):
         s = order[k]
         copies, leaves = sizes.copies[s], sizes.leaves[s]
         if copies > 1.0 and leaves > 1.0 and copies * leaves > MOST_COPIED:
@@ -212,8 +228,7 @@ def _choose_origin(sizes: Sizes, frames: Frames, s: int) -> None:
 @njit(entry=True)
 def measure_states(table: Table, sizes: Sizes, order: NDArray[np.int32]) -> None:
     """Fill in what states and items come to, from the leaves up."""
-    for k in range(table.counters[N_STATES]):
-        s = order[k]
+    for s in order:
         for i in range(table.last[s] - 1, table.first[s] - 1, -1):
             kind, target = table.kind[i], table.target[i]
             if sizes.leaves_of[i] == 0.0:
@@ -222,7 +237,7 @@ def measure_states(table: Table, sizes: Sizes, order: NDArray[np.int32]) -> None
                 sizes.refs_of[i] = sizes.rows_of[i] = 1
             elif kind == OPERATION:
                 _measure_operation(table, sizes, i)
-            elif sizes.flags[target] & CLUSTER:
+            elif sizes.flags[target] & CLUSTER or is_suspended(table, target):
                 sizes.refs_of[i] = sizes.rows_of[i] = 1
             else:
                 sizes.refs_of[i], sizes.rows_of[i] = sizes.refs[target], sizes.rows[target]

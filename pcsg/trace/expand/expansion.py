@@ -122,18 +122,22 @@ class Expansion:
         self.order: NDArray[np.int32] | None = None
         self._writer = ProgramWriter(graph, models, without)
         self.programs = self._writer.write()
-        self.table = _make_table(self.programs)
+        self.table = make_table(self.programs, 1_024 + 2 * self.programs.n_items)
+        self.table.counters[N_STATES] = self.table.counters[N_WAITING] = 1
         self._leaves = leaves
         self._preparation = preparation
         if self._fill(max_bytes) and self._make_models():
             n = self.n_states
-            order = np.zeros(n, np.int32)
-            found = order_states(
-                self.table, order, np.zeros(n, np.int32), np.zeros(2 * n + 2, np.int32)
-            )
-            self.order = order if found < 0 else None
+            order, seen = np.zeros(n, np.int32), np.zeros(n, np.int32)
+            found = order_states(self.table, order, seen, np.zeros(2 * n + 2, np.int32))
+            self.order = order[: np.count_nonzero(seen)] if found < 0 else None
             if n > MOST_SELECTIONS and self.order is not None:
                 self._check_depth(self.order)
+
+    @property
+    def bounds(self) -> NDArray[np.float64] | None:
+        """Bounds of the states, where some are suspended."""
+        return None
 
     @property
     def n_states(self) -> int:
@@ -172,17 +176,21 @@ class Expansion:
         """Give up the table, which nobody reads any more."""
         self.table = Table._make(array[:0] for array in self.table)
 
-    def _fill(self, max_bytes: int) -> bool:
-        """Make all states; return False where a fault was met."""
+    def make_work(self) -> Work:
+        """Return working space of the interpreter."""
         programs = self.programs
-        work = Work(
-            params=np.zeros(programs.n_slots),
+        return Work(
+            params=np.zeros(programs.n_registers),
             initial=np.array(self._writer.code.initial(self.values)),
-            saved=np.zeros(programs.n_saved + 1),
             matrices=np.zeros(12 * (programs.n_matrices + 1)),
             stack=np.zeros(programs.n_stack),
             open=np.zeros(programs.n_operations + 1, np.int32),
         )
+
+    def _fill(self, max_bytes: int) -> bool:
+        """Make all states; return False where a fault was met."""
+        programs = self.programs
+        work = self.make_work()
         looked = False
         expected: float | None = None
         while True:
@@ -203,7 +211,7 @@ class Expansion:
                     raise TooLarge
                 # For a moment what grows is there twice.
                 self._preparation.require(2 * used)
-                self.table = _grow(programs, self.table)
+                self.table = grow_table(programs, self.table)
             elif not looked and self.n_states > _EARLY:
                 looked = True
                 expected = self._look_ahead(max_bytes)
@@ -343,8 +351,9 @@ class Expansion:
         return chain
 
 
-def _make_table(programs: Programs) -> Table:
-    n, m = 1_024 + 2 * programs.n_items, 2_048 + 2 * programs.n_items
+def make_table(programs: Programs, n: int) -> Table:
+    """Return a table with room for n states and twice as many items."""
+    m = 2 * n
     sizes = dict.fromkeys(_PER_STATE, n) | dict.fromkeys(_PER_ITEM, m)
     arrays: dict[str, Any] = {name: np.zeros(size, np.int32) for name, size in sizes.items()}
     table = Table(
@@ -356,7 +365,6 @@ def _make_table(programs: Programs) -> Table:
         counters=np.zeros(COUNTERS, np.int64),
     )
     table.module[0] = table.parent[0] = -1
-    table.counters[N_STATES] = table.counters[N_WAITING] = 1
     return table
 
 
@@ -379,7 +387,7 @@ def _used_bytes(table: Table) -> int:
     return int(used + table.slots.nbytes)
 
 
-def _grow(programs: Programs, table: Table) -> Table:
+def grow_table(programs: Programs, table: Table) -> Table:
     """Return a table with more room where there is little left."""
     arrays: dict[str, Any] = table._asdict()
     used = _used(table)

@@ -22,8 +22,15 @@ from pcsg.geometry.bvh import (
 from pcsg.geometry.collapse import MOST_TOGETHER
 from pcsg.graph.operators import UNION
 from pcsg.jit import njit
-from pcsg.trace.expand.boxes import bound_instance, bound_item, bound_leaf
-from pcsg.trace.expand.clusters import CLUSTER, FAR, Sizes, count_operands, is_small
+from pcsg.trace.expand.boxes import bound_instance, bound_item, bound_leaf, bound_suspended
+from pcsg.trace.expand.clusters import (
+    CLUSTER,
+    FAR,
+    Sizes,
+    count_operands,
+    is_small,
+    is_suspended,
+)
 from pcsg.trace.expand.layout import (
     AT_FIRST,
     AT_LIST,
@@ -54,6 +61,7 @@ from pcsg.trace.groups import INSTANCE as INSTANCE_REF
 from pcsg.trace.groups import LEAF as LEAF_REF
 from pcsg.trace.groups import OPERATION as OPERATION_REF
 from pcsg.trace.groups import SMALL as SMALL_REF
+from pcsg.trace.groups import SUSPENDED as SUSPENDED_REF
 from pcsg.vec import IDENTITY, invert, load_affine, store_affine
 
 _UNION = UNION.kind
@@ -224,6 +232,11 @@ def _flatten(
             bound_instance(programs, table, layout, out, work, number, m)
             write_row(layout, row, INSTANCE_REF, number, i, m, work.box)
             row += 1
+        elif kind == STATE and is_suspended(table, target):
+            m = item_matrix(table, i, outer)
+            bound_suspended(sizes, target, m, work.box)
+            write_row(layout, row, SUSPENDED_REF, target, i, m, work.box)
+            row += 1
         elif kind == OPERATION and target != _UNION and count_operands(table, sizes, i) > 1:
             if is_small(sizes, i):
                 code, at = SMALL_REF, write_small(programs, table, sizes, layout, work, i)
@@ -275,13 +288,19 @@ def move_axiom(
 @njit(entry=True)
 def finish_layout(layout: Layout) -> None:
     """Turn matrices about, and lists into their first blocks."""
+    finish_rows(layout, 0, 0)
+
+
+@njit
+def finish_rows(layout: Layout, first_row: int, operation: int) -> None:
+    """Finish the references from one on, and the records of operations."""
     counters = layout.counters
-    for row in range(counters[N_ROWS]):
+    for row in range(first_row, counters[N_ROWS]):
         inverse, _ = invert(load_affine(layout.matrices, 12 * row))
         store_affine(layout.matrices, 12 * row, inverse)
         if layout.codes[row] & 7 == INSTANCE_REF:
             layout.targets[row] = layout.list_block[layout.targets[row]]
-    at = 0
+    at = operation
     while at < counters[N_OPERATIONS]:
         n = layout.operations[at + 1]
         for k in range(n):

@@ -53,7 +53,7 @@ class Layout(NamedTuple):
     record_of : int32 (M,)
         The leaf record or the record of the operation of every item, -1 before it was met.
     record_slots : int32 (H,)
-        Hash table of leaf records, -1 where free.
+        Hash table of leaf records, -1 where free; with one entry, records are not told apart.
     record_item : int32 (L,)
         An item of every leaf record.
     leaves, args, attributes, smalls, tables, operations

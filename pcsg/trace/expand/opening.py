@@ -12,12 +12,17 @@ from pcsg.geometry.collapse import half_area
 from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.trace.bounding import bound_box
-from pcsg.trace.expand.boxes import bound_instance, bound_item, bound_leaf
+from pcsg.trace.expand.boxes import (
+    bound_instance,
+    bound_item,
+    bound_leaf,
+    bound_suspended,
+)
 from pcsg.trace.expand.clusters import Sizes
 from pcsg.trace.expand.layout import N_ROWS, Layout, LayoutWork, write_row
 from pcsg.trace.expand.programs import Programs
 from pcsg.trace.expand.table import Table
-from pcsg.trace.groups import INSTANCE, LEAF
+from pcsg.trace.groups import INSTANCE, LEAF, SUSPENDED
 from pcsg.vec import IDENTITY, Affine, compose, load_affine, store_affine
 
 
@@ -127,6 +132,8 @@ def _write_opened(
         bound_leaf(programs, table, item, m, work)
     elif kind == INSTANCE:
         bound_instance(programs, table, layout, out, work, target, m)
+    elif kind == SUSPENDED:
+        bound_suspended(sizes, target, m, work.box)
     else:
         bound_item(programs, table, sizes, layout, out, work, item, m)
     write_row(layout, row, kind, target, item, m, work.box)

@@ -23,7 +23,7 @@ from pcsg.trace.expand.clusters import (
 from pcsg.trace.expand.expansion import Expansion
 from pcsg.trace.expand.extremes import outermost_boxes
 from pcsg.trace.expand.flatten import finish_layout, lay_out, move_axiom
-from pcsg.trace.expand.frames import find_frames
+from pcsg.trace.expand.frames import Frames, find_frames
 from pcsg.trace.expand.layout import (
     AT_PIECES,
     AT_ROW,
@@ -40,7 +40,7 @@ from pcsg.trace.expand.layout import (
     LayoutWork,
 )
 from pcsg.trace.expand.table import LEAF, N_ATTRIBUTES, N_NUMBERS, STATE, Table
-from pcsg.trace.groups import INSTANCE
+from pcsg.trace.groups import INSTANCE, SUSPENDED
 from pcsg.trace.preparing import UNLIMITED, Preparation
 from pcsg.trace.shrinking import find_shrunk
 
@@ -102,8 +102,14 @@ def pack_expansion(expansion: Expansion, preparation: Preparation = UNLIMITED) -
         raise ValueError("a state contains itself")
     shrinks = _may_shrink(expansion, table, order)
     sizes = make_sizes(expansion.n_states, expansion.n_items)
+    if expansion.bounds is not None:
+        sizes = sizes._replace(bounds=expansion.bounds)
     count_leaves(programs, table, sizes, order)
-    frames = find_frames(programs, table, sizes.leaves_of, order)
+    if expansion.bounds is None:
+        frames = find_frames(programs, table, sizes.leaves_of, order)
+    else:
+        # Suspended states have frames of their own.
+        frames = Frames(np.zeros(0), np.zeros(0), np.zeros(0))
     choose_clusters(table, sizes, frames, order)
     measure_states(table, sizes, order)
     clusters = np.flatnonzero((sizes.flags & CLUSTER) != 0)
@@ -121,7 +127,7 @@ def pack_expansion(expansion: Expansion, preparation: Preparation = UNLIMITED) -
     blocks = rows + lists + 2
     out = Hierarchies(np.empty(6 * WIDTH * blocks, np.float32), np.empty(WIDTH * blocks, np.int32))
     depth = int(max(sizes.depth.max(), sizes.depth_of.max(initial=0))) + 4
-    work = _make_work(depth, max(root_limit, limit), table)
+    work = make_layout_work(depth, max(root_limit, limit), table)
     build = make_build_work(rows)
     layout.counters[AT_PIECES] = -1
     limits = limit, root_limit
@@ -195,7 +201,8 @@ def _make_layout(
     )
 
 
-def _make_work(depth: int, most: int, table: Table) -> LayoutWork:
+def make_layout_work(depth: int, most: int, table: Table) -> LayoutWork:
+    """Return working space for lists of so many references that are opened."""
     return LayoutWork(
         frames=np.zeros(2 * depth, np.int32),
         frame_matrices=np.zeros(12 * depth),
@@ -228,7 +235,8 @@ def _collect(layout: Layout, out: Hierarchies) -> Blocks:
     rows, records = int(layout.counters[N_ROWS]), int(layout.counters[N_RECORDS])
     boxes = layout.boxes[: 6 * rows].reshape(-1, 6)
     # Recursion ends at instances only.
-    nested = bool((layout.codes[:rows] & 7 == INSTANCE).any())
+    kinds = layout.codes[:rows] & 7
+    nested = bool(((kinds == INSTANCE) | (kinds == SUSPENDED)).any())
     root = layout.list_of[0]
     own = boxes[layout.list_first[root] : layout.list_end[root]]
     attributes = layout.attributes[: N_ATTRIBUTES * records]

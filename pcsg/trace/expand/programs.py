@@ -1,9 +1,8 @@
 """Rule programs: the right-hand side of every rule as straight code for one small interpreter.
 
-A program visits the nodes of a right-hand side in the order of the text. It runs their arithmetic
-on the tape (`pcsg.graph.tape`), composes matrices, and writes an item for every leaf, module and
-operation that it meets. What a branch assigns stays in the branch: slots that are assigned below
-an operand are saved before it and restored behind it.
+A program follows a right-hand side in the order of the text, as `straight` has it. It runs
+arithmetic on the tape (`pcsg.graph.tape`), composes matrices, and writes an item for every leaf,
+module and operation that it meets.
 
 `GraphCode` and `enumerate_states` are the reference in Python, with the same bits.
 """
@@ -11,7 +10,7 @@ an operand are saved before it and restored behind it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,25 +18,41 @@ from numpy.typing import NDArray
 
 from pcsg.errors import UsageError
 from pcsg.graph.attributes import ATTRIBUTE_SLOTS
-from pcsg.graph.code import GraphCode
-from pcsg.graph.expr import Number
+from pcsg.graph.code import GraphCode, code_of
+from pcsg.graph.expr import Expr, Number, Parameter, as_expr
 from pcsg.graph.graph import Graph
-from pcsg.graph.liveness import Liveness, successors_first
-from pcsg.graph.nodes import Leaf, Operation, Selection, Transformation
-from pcsg.graph.operators import UNION
+from pcsg.graph.liveness import Liveness
+from pcsg.graph.nodes import Attribute, Leaf, Selection, Transformation
+from pcsg.graph.sharing import register, substitute
+from pcsg.graph.tape import Program
 from pcsg.graph.unroll import cuts
 from pcsg.leaf.registry import Model, Solid
 from pcsg.trace.bounding import BALL, CORNERS, SUPPORT
+from pcsg.trace.expand.straight import (
+    Begin,
+    Check,
+    Compute,
+    Frame,
+    Place,
+    PlaceConstant,
+    Pop,
+    PushLeaf,
+    PushState,
+    Step,
+    Straight,
+)
 from pcsg.trace.pool import ModelPool
 from pcsg.trace.rulebook import ball_of
 
 # Operations of a program's steps.
-STOP, RUN, SAVE, RESTORE, TRANSFORM, POP, FRAME, LEAF_STEP, STATE_STEP, BEGIN, END = range(11)
+STOP, RUN, CHECK, TRANSFORM, CONSTANT, COMPOSE, POP, FRAME, LEAF_STEP, STATE_STEP, BEGIN, END = (
+    range(12)
+)
 
-STEP_FIELDS, MODULE_FIELDS, LEAF_FIELDS = 5, 4, 8
+STEP_FIELDS, MODULE_FIELDS, LEAF_FIELDS = 5, 4, 7
 
 # Fields of a leaf.
-L_NODE, L_CODE, L_ARGS, L_CHECKS, L_SOLID, L_SHAPE, L_SHAPE_AT, L_FLAGS = range(LEAF_FIELDS)
+L_NODE, L_ARGS, L_CHECKS, L_SOLID, L_SHAPE, L_SHAPE_AT, L_FLAGS = range(LEAF_FIELDS)
 
 IS_EMPTY, IS_SHEET, HAS_DATA = 1, 2, 4
 """Flags of a leaf."""
@@ -62,10 +77,14 @@ class Programs(NamedTuple):
     rules : int32
         Program of every rule by its number, -1 where there is none. Without a selection function
         the one program stands at number 0.
-    slots : int32
-        Lists of slots that are saved.
-    leaves : int32 (8 L,)
-        Node, code of the arguments (-1 for none), their number, where their checks begin in
+    sources : int32
+        Where values come from: registers, or -1 - k for a literal. For a module, each after the
+        slot that it goes to.
+    literals : float64
+    maps : float64 (12,)
+        Constant matrices.
+    leaves : int32 (7 L,)
+        Node, number of the arguments, where their checks begin in
         `checks`, kind of the solid, kind and offset of its bounding shape, flags.
     checks : float64 (3,)
         For every argument: least and largest legal value, and whether the least is excluded.
@@ -75,13 +94,16 @@ class Programs(NamedTuple):
         Kernel arguments of leaves with data.
     attributes : int32 (7,)
         Slots of the attributes, -1 for those that no node assigns.
+    below : int32 (K,)
+        Flags of the leaves that a program may lead to: IS_SHEET where one is a sheet.
     code, constants
         The tape.
     frame_slot : int
         First of the 12 slots of world_from_local, -1 without world queries.
-    n_slots, n_stack, n_saved, n_matrices, n_operations, n_items : int
-        Sizes of working space: slots, the tape's stack, saved slots, nested matrices, nested
-        operations, and items of the longest program.
+    n_slots, n_registers, n_stack, n_matrices, n_operations, n_items : int
+        Sizes of working space: slots, registers, the tape's stack, nested matrices, nested
+        operations, and items of the longest program. The first registers are the slots as they
+        are given, the next ones as they are passed on.
     """
 
     steps: NDArray[np.int32]
@@ -90,21 +112,31 @@ class Programs(NamedTuple):
     live: NDArray[np.int32]
     modules: NDArray[np.int32]
     rules: NDArray[np.int32]
-    slots: NDArray[np.int32]
+    sources: NDArray[np.int32]
+    literals: NDArray[np.float64]
+    maps: NDArray[np.float64]
     leaves: NDArray[np.int32]
     checks: NDArray[np.float64]
     shapes: NDArray[np.float64]
     fixed: NDArray[np.float64]
     attributes: NDArray[np.int32]
+    below: NDArray[np.int32]
     code: NDArray[np.int32]
     constants: NDArray[np.float64]
     frame_slot: int
     n_slots: int
+    n_registers: int
     n_stack: int
-    n_saved: int
     n_matrices: int
     n_operations: int
     n_items: int
+
+
+class _Registers(dict[str, int]):
+    """The numbers of registers, by their names."""
+
+    def __missing__(self, name: str) -> int:
+        return int(name[1:])
 
 
 class ProgramWriter:
@@ -133,7 +165,7 @@ class ProgramWriter:
         self, graph: Graph, models: ModelPool, without: Collection[int] = frozenset()
     ) -> None:
         self.graph = graph
-        self.without = without
+        self.without = frozenset(without)
         self.models = models
         self.liveness = Liveness(graph)
         self.code = GraphCode(graph, self.liveness)
@@ -146,18 +178,20 @@ class ProgramWriter:
         # a module that are alike have programs of their own, so that states know their rule.
         self._programs: dict[tuple[int, bool, int], int] = {(0, False, 0): 0}
         self._steps: list[int] = []
-        self._slots: list[int] = []
+        self._sources: list[int] = []
+        self._literals: list[float] = []
+        self._literal_of: dict[str, int] = {}
+        self._maps: list[float] = []
         self._leaves: list[int] = []
         self._checks: list[float] = []
         self._shapes: list[float] = []
         self._fixed: list[float] = []
         # Of solids without data: where their checks begin, kind and offset of their shape.
         self._shared: dict[type[Solid], tuple[int, int, int]] = {}
-        self._slot_lists: dict[int, tuple[int, int]] = {}
-        self._saved = self._matrices = self._operations = self._items = 1
-        frame = self.code.frame_slot
-        self._frame_mask = 0xFFF << frame if frame >= 0 else 0
-        self._assigned = self._find_assigned()
+        self._registers = self._matrices = self._operations = self._items = 1
+        self._tape = Program(_Registers(), self.code.frame_slot)
+        slots = zip(ATTRIBUTE_SLOTS, self._attribute_slots(), strict=True)
+        self._attribute_names = [name for name, slot in slots if slot >= 0]
 
     def write(self) -> Programs:
         """Return the programs."""
@@ -169,7 +203,8 @@ class ProgramWriter:
             self._write_program(n, opened)
             live += self.liveness.slots[n]
             live_at.append(len(live))
-        tape, constants = self.code.program.arrays()
+        tape, constants = self._tape.arrays()
+        sheets = self._find_sheets()
         return Programs(
             steps=np.array(self._steps, np.int32),
             starts=np.array(starts, np.int32),
@@ -177,28 +212,50 @@ class ProgramWriter:
             live=np.array(live or [0], np.int32),
             modules=np.array(modules or [0], np.int32),
             rules=np.array(rules or [0], np.int32),
-            slots=np.array(self._slots or [0], np.int32),
+            sources=np.array(self._sources or [0], np.int32),
+            literals=np.array(self._literals or [0.0]),
+            maps=np.array(self._maps or [0.0]),
             leaves=np.array(self._leaves or [0], np.int32),
             checks=np.array(self._checks or [0.0]),
             shapes=np.array(self._shapes or [0.0]),
             fixed=np.array(self._fixed or [0.0]),
             attributes=np.array(self._attribute_slots(), np.int32),
+            below=np.array([IS_SHEET * (n in sheets) for n, _, _ in self._programs], np.int32),
             code=tape,
             constants=constants,
             frame_slot=self.code.frame_slot,
             n_slots=len(self.code.slots),
-            n_stack=max(self.code.program.stack_size, 16),
-            n_saved=self._saved,
+            n_registers=self._registers,
+            n_stack=max(self._tape.stack_size, 16),
             n_matrices=self._matrices,
             n_operations=self._operations,
             n_items=self._items,
         )
 
+    def _find_sheets(self) -> set[int]:
+        """Return the nodes that are sheets or may lead to one."""
+        above: list[list[int]] = [[] for _ in self.graph.nodes]
+        for n, successors in enumerate(self.graph.successors):
+            for s in successors:
+                above[s].append(n)
+        nodes = enumerate(self.graph.nodes)
+        todo = [n for n, node in nodes if isinstance(node, Leaf) and node.is_sheet]
+        found = set(todo)
+        while todo:
+            for n in above[todo.pop()]:
+                if n not in found:
+                    found.add(n)
+                    todo.append(n)
+        return found
+
     def _attribute_slots(self) -> list[int]:
         """Return the slots of the attributes, -1 for those that no node assigns."""
-        assigned = {s for k in range(len(self.graph.nodes)) for s in self.code.stores(k)}
-        slots = (self.code.slots[name] for name in ATTRIBUTE_SLOTS)
-        return [slot if slot in assigned else -1 for slot in slots]
+        assigned: set[str] = set()
+        for k, node in enumerate(self.graph.nodes):
+            if isinstance(node, Attribute):
+                assigned.update(code_of(self.graph, k, node, self.liveness)[1])
+        slots = self.code.slots
+        return [slots[name] if name in assigned else -1 for name in ATTRIBUTE_SLOTS]
 
     def _write_modules(self) -> tuple[list[int], list[int]]:
         """Return the modules and their rules; the programs they need are numbered."""
@@ -221,7 +278,9 @@ class ProgramWriter:
                 modules += [0, n]
                 rules.append(next(iter(numbers.values())))
                 continue
-            modules[-2] = self.code.code_at(n)
+            # It is asked about what is passed on.
+            values = {name: register(k) for name, k in self.code.slots.items()}
+            modules[-2] = self._tape.add([substitute(as_expr(node.select), values)])
             modules += [max(numbers), n]
             rules += [numbers.get(k, -1) for k in range(max(numbers) + 1)]
         return modules, rules
@@ -232,90 +291,79 @@ class ProgramWriter:
 
     def _write_program(self, start: int, opened: bool) -> None:
         """Write the steps of a right-hand side."""
-        graph, live = self.graph, self.liveness
-        saved = matrices = operations = items = 0
-        # What is still to do: nodes, and steps that follow what is below a node.
-        todo: list[int | tuple[int, ...]] = [start]
-        deep = [0, 1, 0]  # saved slots, matrices, operations at present
-        while todo:
-            entry = todo.pop()
-            if isinstance(entry, tuple):
-                self._emit(*entry)
-                op = entry[0]
-                deep[0] += {SAVE: 1, RESTORE: -1}.get(op, 0) * (entry[2] if len(entry) > 2 else 0)
-                deep[1] -= op == POP
-                deep[2] -= op == END
-                saved = max(saved, deep[0])
-                continue
-            n = entry
-            node = graph.nodes[n]
-            if n in self.without:
-                self._emit(BEGIN, UNION.kind, 0)
-                self._emit(END)
-                items += 1
-                operations = max(operations, deep[2] + 1)
-                continue
-            if n in self._module_of and not (opened and n == start):
-                self._emit(STATE_STEP, self._module_of[n])
-                items += 1
-                continue
-            opened = opened and n != start
-            if isinstance(node, Leaf):
-                self._emit(LEAF_STEP, self._leaf(n, node))
-                items += 1
-            elif isinstance(node, Operation):
-                below = graph.successors[n]
-                self._emit(BEGIN, node.operator.kind, len(below))
-                items += 1
-                deep[2] += 1
-                todo.append((END,))
-                for s in reversed(below):
-                    stored = self._slot_list(self._assigned[s])
-                    todo += [(RESTORE, *stored), s, (SAVE, *stored)] if stored[1] else [s]
-            elif isinstance(node, Transformation):
-                (s,) = graph.successors[n]
-                self._emit(TRANSFORM, node.transform.kind, self.code.code_at(n), len(node.args), n)
-                deep[1] += 1
-                if live.masks[s] & self._frame_mask:
-                    self._emit(FRAME)
-                todo += [(POP,), s]
+        straight = Straight(
+            self.code, self.liveness, self._module_of, self.without, self._attribute_names
+        )
+        straight.follow(start, opened)
+        pending: list[Compute] = []
+        for step in straight.steps:
+            if pending and not (isinstance(step, Compute) and step.frame == pending[0].frame):
+                self._write_code(pending)
+                pending = []
+            if isinstance(step, Compute):
+                pending.append(step)
             else:
-                (s,) = graph.successors[n]
-                if self.code.code_at(n) >= 0:
-                    self._emit(RUN, self.code.code_at(n), 0, 0, n)
-                todo.append(s)
-            matrices, operations = max(matrices, deep[1]), max(operations, deep[2])
+                self._write_step(step)
+        self._write_code(pending)
         self._emit(STOP)
-        self._saved = max(self._saved, saved)
-        self._matrices = max(self._matrices, matrices)
-        self._operations = max(self._operations, operations)
-        self._items = max(self._items, items)
+        self._registers = max(self._registers, straight.registers)
+        self._matrices = max(self._matrices, straight.matrices)
+        self._operations = max(self._operations, straight.operations)
+        self._items = max(self._items, straight.items)
 
-    def _find_assigned(self) -> list[int]:
-        """Return the slots that are assigned at a node and below it up to modules, as bits."""
+    def _write_code(self, steps: list[Compute]) -> None:
+        """Write assignments that see one frame."""
+        if steps:
+            exprs = [step.assign.expr for step in steps]
+            names = [f"r{step.assign.register}" for step in steps]
+            self._emit(RUN, self._tape.add(exprs, names), steps[0].frame)
+
+    def _write_step(self, step: Step) -> None:
         graph = self.graph
-        masks = [0] * len(graph.nodes)
-        module_of = self._module_of
-        within = [() if k in module_of else below for k, below in enumerate(graph.successors)]
-        for k in successors_first(within):
-            mask = 0
-            for s in within[k]:
-                mask |= masks[s]
-            for slot in self.code.stores(k):
-                mask |= 1 << slot
-            if isinstance(graph.nodes[k], Transformation):
-                (s,) = graph.successors[k]
-                mask |= self.liveness.masks[s] & self._frame_mask and self._frame_mask
-            masks[k] = mask
-        return masks
+        if isinstance(step, PushLeaf):
+            node = graph.nodes[step.node]
+            assert isinstance(node, Leaf)
+            leaf = self._leaf(step.node, node)
+            self._emit(LEAF_STEP, leaf, self._write_sources(step.values), 0, step.node)
+        elif isinstance(step, PushState):
+            at = self._write_sources(step.values, step.slots)
+            self._emit(STATE_STEP, self._module_of[step.node], at, len(step.values))
+        elif isinstance(step, Place):
+            node = graph.nodes[step.node]
+            assert isinstance(node, Transformation)
+            at, n = self._write_sources(step.values), len(step.values)
+            self._emit(TRANSFORM, node.transform.kind, at, n, step.node)
+        elif isinstance(step, PlaceConstant):
+            self._emit(CONSTANT if step.is_whole else COMPOSE, len(self._maps) // 12)
+            self._maps += step.matrix
+        elif isinstance(step, Frame):
+            self._emit(FRAME, step.source, step.target)
+        elif isinstance(step, Check):
+            self._emit(CHECK, step.register)
+        elif isinstance(step, Begin):
+            self._emit(BEGIN, step.operator)
+        else:
+            self._emit(POP if isinstance(step, Pop) else END)
 
-    def _slot_list(self, mask: int) -> tuple[int, int]:
-        """Return where a list of slots begins, and its length."""
-        if mask not in self._slot_lists:
-            slots = [k for k in range(mask.bit_length()) if mask >> k & 1]
-            self._slot_lists[mask] = len(self._slots), len(slots)
-            self._slots += slots
-        return self._slot_lists[mask]
+    def _write_sources(self, values: Sequence[Expr], slots: Sequence[int] = ()) -> int:
+        """Write where values come from, each after the slot that it goes to; return where."""
+        at = len(self._sources)
+        for k, value in enumerate(values):
+            if slots:
+                self._sources.append(slots[k])
+            if isinstance(value, Number):
+                self._sources.append(-1 - self._literal(float(value.value)))
+            else:
+                assert isinstance(value, Parameter)
+                self._sources.append(int(value.name[1:]))
+        return at
+
+    def _literal(self, value: float) -> int:
+        key = value.hex()
+        if key not in self._literal_of:
+            self._literal_of[key] = len(self._literals)
+            self._literals.append(value)
+        return self._literal_of[key]
 
     def _emit(self, *step: int) -> None:
         self._steps += [*step, *[0] * (STEP_FIELDS - len(step))]
@@ -351,8 +399,7 @@ class ProgramWriter:
             if not node.constants:
                 self._shared[node.solid] = known
         checks, shape, at = known
-        code = self.code.code_at(n)
-        self._leaves += [n, code, len(node.args), checks, node.solid.kind, shape, at, flags]
+        self._leaves += [n, len(node.args), checks, node.solid.kind, shape, at, flags]
         self._fixed += self.models.place(model) if model else (0.0, 0.0, 0.0)
 
     def _write_checks(self, node: Leaf) -> int:

@@ -39,11 +39,12 @@ from pcsg.trace.small import ENTRY, HEADER, MAX_PRIMITIVES
 from pcsg.vec import IDENTITY, load_affine, store_affine
 
 _UNION, _DIFFERENCE = UNION.kind, DIFFERENCE.kind
+_NONE = np.uint64(0)
 
 
 @njit
 def find_record(programs: Programs, table: Table, layout: Layout, work: LayoutWork, i: int) -> int:
-    """Return the leaf record of an item; items that are alike share one."""
+    """Return the leaf record of an item; items that are alike share one if there is a table."""
     if layout.record_of[i] >= 0:
         return int(layout.record_of[i])
     number = table.target[i]
@@ -54,8 +55,8 @@ def find_record(programs: Programs, table: Table, layout: Layout, work: LayoutWo
         n_all += programs.attributes[k] >= 0
     at = table.numbers_at[i]
     mask = np.uint64(len(layout.record_slots) - 1)
-    place = hash_values(number, work.bits, at, n_all) & mask
-    while True:
+    place = hash_values(number, work.bits, at, n_all) & mask if mask > _NONE else _NONE
+    while mask > _NONE:
         record = layout.record_slots[place]
         if record < 0:
             break

@@ -12,24 +12,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.graph.tape import OK, run
+from pcsg.graph.tape import OK, UNASSIGNED, run
 from pcsg.graph.transforms import evaluate_transform
 from pcsg.jit import njit
 from pcsg.trace.expand.programs import (
     BEGIN,
+    CHECK,
     CHECK_FIELDS,
+    COMPOSE,
+    CONSTANT,
     END,
     FRAME,
     L_ARGS,
     L_CHECKS,
-    L_CODE,
     LEAF_FIELDS,
     LEAF_STEP,
     MODULE_FIELDS,
     POP,
-    RESTORE,
     RUN,
-    SAVE,
     STATE_STEP,
     STEP_FIELDS,
     STOP,
@@ -49,9 +49,10 @@ N_ATTRIBUTES = 7
 
 # Counters of a table.
 N_STATES, N_ITEMS, N_MATRICES, N_NUMBERS, N_VALUES, N_WAITING = range(6)
-# Of the fault that was met: the state, the node, and what the node's arithmetic said.
-F_STATE, F_NODE = 6, 7
-COUNTERS = 8
+F_STATE = 6
+"""Counter of the fault that was met: its state."""
+
+COUNTERS = 7
 
 
 class Table(NamedTuple):
@@ -68,7 +69,8 @@ class Table(NamedTuple):
         Where its live values begin in `values`.
     values : float64
     slots : int32 (H,)
-        The hash table: numbers of states, -1 where free. H is a power of two.
+        The hash table: numbers of states, -1 where free. H is a power of two; with 1, states are
+        not told apart.
     kind, target, matrix, numbers_at, end : int32 (M,)
         Items in the order of the text, an operation before its operands. Target of a LEAF: its
         number; of a STATE: its number; of an OPERATION: the operator's kind. Then where
@@ -79,7 +81,7 @@ class Table(NamedTuple):
         Arguments of leaves, and behind them the attributes that are assigned somewhere.
     waiting : int32
         Stack of states whose program has not run.
-    counters : int64 (8,)
+    counters : int64 (7,)
         How many there are of each, and what went wrong.
     """
 
@@ -107,12 +109,10 @@ class Work(NamedTuple):
 
     Attributes
     ----------
-    params : float64 (P,)
-        Value of every slot.
+    params : float64 (R,)
+        Value of every register.
     initial : float64 (P,)
         Values as the axiom sees them.
-    saved : float64
-        Slots to restore.
     matrices : float64 (12 D,)
         Nested matrices.
     stack : float64
@@ -123,7 +123,6 @@ class Work(NamedTuple):
 
     params: NDArray[np.float64]
     initial: NDArray[np.float64]
-    saved: NDArray[np.float64]
     matrices: NDArray[np.float64]
     stack: NDArray[np.float64]
     open: NDArray[np.int32]
@@ -131,7 +130,7 @@ class Work(NamedTuple):
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)
 _MIX_2 = np.uint64(0xBF58476D1CE4E5B9)
-_31, _27 = np.uint64(31), np.uint64(27)
+_31, _27, _NONE = np.uint64(31), np.uint64(27), np.uint64(0)
 
 
 @njit
@@ -161,10 +160,10 @@ def _intern(
     begin = programs.live_at[program]
     n = programs.live_at[program + 1] - begin
     for k in range(n):
-        values[at + k] = params[programs.live[begin + k]]
+        values[at + k] = params[programs.n_slots + programs.live[begin + k]]
     mask = np.uint64(len(table.slots) - 1)
-    place = hash_values(program, bits, at, n) & mask
-    while True:
+    place = hash_values(program, bits, at, n) & mask if mask > _NONE else _NONE
+    while mask > _NONE:
         found = table.slots[place]
         if found < 0:
             break
@@ -179,7 +178,7 @@ def _intern(
     s = counters[N_STATES]
     table.slots[place] = s
     table.program[s], table.module[s], table.parent[s] = program, module, parent
-    table.first[s] = -1
+    table.first[s] = table.last[s] = -1
     table.values_at[s] = at
     table.values_at[s + 1] = at + n
     counters[N_VALUES] = at + n
@@ -202,6 +201,21 @@ def rehash(programs: Programs, table: Table, bits: NDArray[np.uint64]) -> None:
         table.slots[place] = s
 
 
+@njit
+def has_room(programs: Programs, table: Table) -> bool:
+    """Return whether a table has room for what any program makes."""
+    counters = table.counters
+    items = programs.n_items
+    return bool(
+        counters[N_STATES] + items < len(table.program)
+        and counters[N_ITEMS] + items < len(table.kind)
+        and 12 * (counters[N_MATRICES] + items) < len(table.matrices)
+        and counters[N_NUMBERS] + items * (16 + N_ATTRIBUTES) < len(table.numbers)
+        and counters[N_VALUES] + (items + 1) * programs.n_slots < len(table.values)
+        and (len(table.slots) == 1 or 2 * (counters[N_STATES] + items) < len(table.slots))
+    )
+
+
 @njit(entry=True)
 def fill_table(
     programs: Programs, table: Table, bits: NDArray[np.uint64], work: Work, most: int
@@ -221,24 +235,15 @@ def fill_table(
         DONE where no state waits, GO_ON, FULL where an array is, FAULT.
     """
     counters = table.counters
-    items = programs.n_items
     for _ in range(most):
         if counters[N_WAITING] == 0:
             return DONE
-        room = (
-            counters[N_STATES] + items < len(table.program)
-            and counters[N_ITEMS] + items < len(table.kind)
-            and 12 * (counters[N_MATRICES] + items) < len(table.matrices)
-            and counters[N_NUMBERS] + items * (16 + N_ATTRIBUTES) < len(table.numbers)
-            and counters[N_VALUES] + (items + 1) * programs.n_slots < len(table.values)
-            and 2 * (counters[N_STATES] + items) < len(table.slots)
-        )
-        if not room:
+        if not has_room(programs, table):
             return FULL
         counters[N_WAITING] -= 1
         s = table.waiting[counters[N_WAITING]]
         before = counters[N_WAITING]
-        if _run_program(programs, table, bits, work, s) != OK:
+        if run_program(programs, table, bits, work, s) != OK:
             return FAULT
         # Depth first, in the order of the text.
         low, high = before, counters[N_WAITING] - 1
@@ -251,11 +256,13 @@ def fill_table(
 
 
 @njit
-def _run_program(
+def run_program(
     programs: Programs, table: Table, bits: NDArray[np.uint64], work: Work, s: int
 ) -> int:
     """Run the program of a state and write its items; return OK or what went wrong."""
     counters, params, steps = table.counters, work.params, programs.steps
+    sources, stack = programs.sources, work.stack
+    code, constants, offset = programs.code, programs.constants, programs.n_slots
     program = table.program[s]
     for k in range(programs.n_slots):
         params[k] = work.initial[k] if s == 0 else np.nan
@@ -264,105 +271,89 @@ def _run_program(
         for k in range(programs.live_at[program + 1] - begin):
             params[programs.live[begin + k]] = table.values[table.values_at[s] + k]
     store_affine(work.matrices, 0, IDENTITY)
-    saved = deep = n_open = 0
+    deep = n_open = 0
     table.first[s] = counters[N_ITEMS]
     at = STEP_FIELDS * programs.starts[program]
     while True:
-        op, a, b = steps[at], steps[at + 1], steps[at + 2]
+        op, a, b, c = steps[at], steps[at + 1], steps[at + 2], steps[at + 3]
         if op == STOP:
             table.last[s] = counters[N_ITEMS]
             return OK
         if op == RUN:
-            status, _ = run(
-                programs.code, programs.constants, a, programs.frame_slot, params, 0, work.stack
-            )
+            status, _ = run(code, constants, a, b, params, 0, stack)
             if status != OK:
-                return _fail(counters, s, steps[at + 4], status)
-        elif op == SAVE:
-            for k in range(b):
-                work.saved[saved] = params[programs.slots[a + k]]
-                saved += 1
-        elif op == RESTORE:
-            for k in range(b - 1, -1, -1):
-                saved -= 1
-                params[programs.slots[a + k]] = work.saved[saved]
+                return _fail(counters, s, status)
+        elif op == CHECK:
+            if params[a] != params[a]:
+                return _fail(counters, s, UNASSIGNED)
         elif op == TRANSFORM:
-            node = steps[at + 4]
-            if b >= 0:
-                status, _ = run(
-                    programs.code, programs.constants, b, programs.frame_slot, params, 0, work.stack
-                )
-                if status != OK:
-                    return _fail(counters, s, node, status)
-            m = evaluate_transform(a, work.stack)
+            for k in range(c):
+                x = _load(programs, params, sources[b + k])
+                if x != x:
+                    return _fail(counters, s, UNASSIGNED)
+                stack[k] = x
+            m = evaluate_transform(a, stack)
             _, regular = invert(m)
             if not regular:
-                return _fail(counters, s, node, FAULT)
+                return _fail(counters, s, FAULT)
+            deep += 1
+            store_affine(
+                work.matrices, 12 * deep, compose(load_affine(work.matrices, 12 * (deep - 1)), m)
+            )
+        elif op == CONSTANT:
+            deep += 1
+            for k in range(12):
+                work.matrices[12 * deep + k] = programs.maps[12 * a + k]
+        elif op == COMPOSE:
+            m = load_affine(programs.maps, 12 * a)
             deep += 1
             store_affine(
                 work.matrices, 12 * deep, compose(load_affine(work.matrices, 12 * (deep - 1)), m)
             )
         elif op == FRAME:
-            f = programs.frame_slot
             # The transformation's own matrix is computed again: it is rarely needed.
-            m = evaluate_transform(steps[at - STEP_FIELDS + 1], work.stack)
-            store_affine(params, f, compose(load_affine(params, f), m))
+            before = at - STEP_FIELDS
+            for k in range(steps[before + 3]):
+                stack[k] = _load(programs, params, sources[steps[before + 2] + k])
+            m = evaluate_transform(steps[before + 1], stack)
+            store_affine(params, b, compose(load_affine(params, a), m))
         elif op == POP:
             deep -= 1
         elif op == LEAF_STEP:
             leaf = LEAF_FIELDS * a
-            node = programs.leaves[leaf]
-            if programs.leaves[leaf + L_CODE] >= 0:
-                status, _ = run(
-                    programs.code,
-                    programs.constants,
-                    programs.leaves[leaf + L_CODE],
-                    programs.frame_slot,
-                    params,
-                    0,
-                    work.stack,
-                )
-                if status != OK:
-                    return _fail(counters, s, node, status)
             n = programs.leaves[leaf + L_ARGS]
             numbers = counters[N_NUMBERS]
             for k in range(n):
-                x = work.stack[k]
+                x = _load(programs, params, sources[b + k])
                 check = CHECK_FIELDS * (programs.leaves[leaf + L_CHECKS] + k)
                 low = programs.checks[check]
                 above = x > low if programs.checks[check + 2] != 0.0 else x >= low
                 if not (above and x <= programs.checks[check + 1]):
-                    return _fail(counters, s, node, FAULT)
+                    return _fail(counters, s, FAULT)
                 table.numbers[numbers + k] = x
             for k in range(N_ATTRIBUTES):
                 if programs.attributes[k] >= 0:
-                    table.numbers[numbers + n] = params[programs.attributes[k]]
+                    table.numbers[numbers + n] = _load(programs, params, sources[b + n])
                     n += 1
             counters[N_NUMBERS] = numbers + n
             _add_item(table, LEAF, a, work.matrices, deep, numbers)
         elif op == STATE_STEP:
+            for k in range(b, b + 2 * c, 2):
+                params[offset + sources[k]] = _load(programs, params, sources[k + 1])
             module = MODULE_FIELDS * a
             rule = 0
             if programs.modules[module] >= 0:
-                node = programs.modules[module + 3]
-                status, _ = run(
-                    programs.code,
-                    programs.constants,
-                    programs.modules[module],
-                    programs.frame_slot,
-                    params,
-                    0,
-                    work.stack,
-                )
+                selection, frame = programs.modules[module], programs.frame_slot
+                status, _ = run(code, constants, selection, frame, params, offset, stack)
                 if status != OK:
-                    return _fail(counters, s, node, status)
-                chosen = np.rint(work.stack[0])
+                    return _fail(counters, s, status)
+                chosen = np.rint(stack[0])
                 if not (chosen >= 0.0 and chosen <= programs.modules[module + 2]):
-                    return _fail(counters, s, node, FAULT)
+                    return _fail(counters, s, FAULT)
                 rule = int(chosen)
             inner = programs.rules[programs.modules[module + 1] + rule]
             if inner < 0:
-                return _fail(counters, s, programs.modules[module + 3], FAULT)
+                return _fail(counters, s, FAULT)
             child = _intern(programs, table, bits, a, inner, params, s)
             _add_item(table, STATE, child, work.matrices, deep, -1)
         elif op == BEGIN:
@@ -375,9 +366,16 @@ def _run_program(
         at += STEP_FIELDS
 
 
+@njit(inline=True)
+def _load(programs: Programs, params: NDArray[np.float64], source: int) -> float:
+    """Return the value of a register, or a literal."""
+    x: float = params[source] if source >= 0 else programs.literals[-1 - source]
+    return x
+
+
 @njit
-def _fail(counters: NDArray[np.int64], state: int, node: int, status: int) -> int:
-    counters[F_STATE], counters[F_NODE] = state, node
+def _fail(counters: NDArray[np.int64], state: int, status: int) -> int:
+    counters[F_STATE] = state
     return status
 
 
