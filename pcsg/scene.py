@@ -535,7 +535,11 @@ class Scene:
         if counted is None or packed is None:
             known = take_census(self.graph, self.values, self.states, self.boxes, counted)
         else:
-            known = Census(counted, "exact", packed.box, packed.bounded, {})
+            # Of what cuts something off without bounds only the rest's box is known.
+            boxes = [n.solid.bounds for n in self.graph.nodes if isinstance(n, Leaf)]
+            unbounded = any(-math.inf in b.lower or math.inf in b.upper for b in boxes)
+            kind = "interval" if unbounded else "exact"
+            known = Census(counted, kind, packed.box, packed.bounded, {})
         found = graph_stats(self.graph, self.values, known, self.tracer.nbytes)
         counts = {} if isinstance(self.tracer, Walker) else self.tracer.counts
         return {**found, "engine": self.engine, "blocks": None, **counts}

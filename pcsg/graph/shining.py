@@ -30,6 +30,9 @@ Floats = NDArray[np.float64]
 MOST_COVERS = 64
 """Where the cut ends."""
 
+MOST_SPLIT = 200_000
+"""Things in one state that are looked at one by one."""
+
 MOST_PIECES = 32
 """Into how many covers a long primitive is cut."""
 
@@ -238,9 +241,12 @@ def cut_light(root: Part | None, items: Callable[[int, float], list[Glow]]) -> F
         waiting.append((-root.power, next(numbers), 0, root, IDENTITY))
     while waiting:
         power, _, k, part, world = heapq.heappop(waiting)
-        found = items(k, MOST_COVERS - len(rows) - len(waiting))
+        room = MOST_COVERS - len(rows) - len(waiting)
+        found = items(k, room)
         if not found:
-            rows.append(_cover(part, world, -power))
+            for group in _split(items(k, MOST_SPLIT), part, room):
+                share = group.power / max(part.power, 1e-300)
+                rows.append(_cover(group, world, -power * share))
         for glow in found:
             place = compose_affine(world, glow.place)
             power = _power_of(glow, place)
@@ -250,6 +256,44 @@ def cut_light(root: Part | None, items: Callable[[int, float], list[Glow]]) -> F
             else:
                 rows += _pieces(glow.part, place, power)
     return np.array(rows) if rows else np.empty((0, COLUMNS))
+
+
+def _split(items: list[Glow], whole: Part, most: int) -> list[Part]:
+    """Return what shines in a state as a few groups of neighbours, each about as bright.
+
+    Parameters
+    ----------
+    items
+        All of it; nothing where it is too much, which is one group then.
+    """
+    if not items or most < 2:
+        return [whole]
+    corners = (_box(x.place, x.part.lower, x.part.upper) for x in items)
+    boxes = np.array([(*lower, *upper) for lower, upper in corners])
+    powers = np.array([_power_of(x, x.place) for x in items])
+    middles = boxes[:, :3] + boxes[:, 3:]
+    # Most light first; numbers tell apart what shines alike.
+    groups = [(-float(powers.sum()), 0, np.arange(len(items)))]
+    single: list[NDArray[np.intp]] = []
+    while groups and len(groups) + len(single) < most:
+        _, number, members = heapq.heappop(groups)
+        if len(members) == 1:
+            single.append(members)
+            continue
+        axis = int(np.ptp(middles[members], axis=0).argmax())
+        order = members[np.argsort(middles[members, axis], kind="stable")]
+        half = len(order) // 2
+        for k, some in enumerate((order[:half], order[half:])):
+            heapq.heappush(groups, (-float(powers[some].sum()), 2 * number + 1 + k, some))
+    return [
+        Part(
+            Vec3(*boxes[some, :3].min(axis=0).tolist()),
+            Vec3(*boxes[some, 3:].max(axis=0).tolist()),
+            float(powers[some].sum()),
+            math.inf,
+        )
+        for some in [*single, *(members for _, _, members in groups)]
+    ]
 
 
 # The arithmetic of the hierarchy, the same in Python and in compiled code.
