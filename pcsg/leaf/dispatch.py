@@ -8,7 +8,7 @@ from typing import Any
 
 import pcsg.leaf  # noqa: F401 -- registers every leaf before the ladders are built
 from pcsg.jit import build_ladder, njit
-from pcsg.leaf.registry import kernels
+from pcsg.leaf.registry import LEAVES, kernels
 
 
 def _ladder(
@@ -18,7 +18,10 @@ def _ladder(
     inline: bool = False,
     known: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
 ) -> Callable[..., Any]:
-    cases = [plain and njit(contract=True)(plain) for plain in kernels(method)]
+    cases = [
+        plain and njit(contract=True, inline=inline and solid.inlined)(plain)
+        for solid, plain in zip(LEAVES.values(), kernels(method), strict=True)
+    ]
     name = f"leaf_{method}"
     words = arguments.split()
     return build_ladder(

@@ -20,6 +20,7 @@ class Box(Solid):
 
     aliases = ("cube",)
     bounds = UNIT_BOX
+    inlined = True
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:

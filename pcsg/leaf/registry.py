@@ -220,6 +220,9 @@ class Solid:
         Points whose convex hull contains it, where these are fewer than a box's.
     sheet
         True for a surface without volume: its intervals have length zero.
+    inlined
+        True where `crossings` is compiled into the loops that call it, for the most common solids:
+        calls would cost operations a third of the time.
     soft
         True for a name that is free for a grammar's own modules, definitions and parameters.
     primitives
@@ -237,6 +240,7 @@ class Solid:
     ball: ClassVar[tuple[Vec3, float] | None] = None
     corners: ClassVar[tuple[Vec3, ...]] = ()
     sheet: ClassVar[bool] = False
+    inlined: ClassVar[bool] = False
     soft: ClassVar[bool] = False
     primitives: ClassVar[int] = 1
     parts: ClassVar[tuple[type[Solid], ...]] = ()

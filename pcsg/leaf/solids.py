@@ -56,6 +56,7 @@ class Sphere(Solid):
 
     bounds = UNIT_BOX
     ball = (Vec3(0.0, 0.0, 0.0), 1.0)
+    inlined = True
 
     @staticmethod
     def support(d: Vec3, args: Sequence[float] | Array, at: int) -> float:
