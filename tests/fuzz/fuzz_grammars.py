@@ -127,7 +127,7 @@ def run(text: str, _folder: Path) -> None:
                 scene.setting_values(kind)
         lower, upper = scene.bounds
         # Of what is empty they are infinite.
-        middle = (lower + upper) / 2 if np.isfinite([lower, upper]).all() else np.zeros(3)
+        middle = lower / 2 + upper / 2 if np.isfinite([lower, upper]).all() else np.zeros(3)
         for target in (middle, [0.1, 0.2, 0.3]):
             target = [x if abs(x) < 1e30 else 0.0 for x in target]
             scene.intersect([[5.0, 6.0, 7.0], target], [[t - 5.5 for t in target], [0.2, 0.1, 1.0]])
