@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pcsg
-from pcsg.errors import UsageError
+from pcsg.errors import GrammarError, UsageError
 
 BALL = "{c = 1} sphere"
 
@@ -103,6 +103,8 @@ def test_solids() -> None:
         lambda: pcsg.mesh([["a"]], [[0, 1, 2]]),
         lambda: pcsg.mesh([[0, 0, 0]], 3),
         lambda: pcsg.Graph(5),  # type: ignore[arg-type]
+        lambda: pcsg.Graph(pcsg.S("A"), -1),  # type: ignore[arg-type]
+        lambda: pcsg.Graph(pcsg.S("A"), [5]),  # type: ignore[list-item]
         lambda: pcsg.render(5),  # type: ignore[arg-type]
     ):
         with pytest.raises(UsageError):
@@ -113,3 +115,8 @@ def test_numbers_of_numpy_are_numbers() -> None:
     scene = pcsg.loads(BALL, threads=np.int64(1), c=np.float32(0.5))
     assert scene.intersect(np.array([[0, 0, 5]], object), np.array([0, 0, -1], np.int8)).t == [4.0]
     assert pcsg.render(scene, size=(np.int32(4), np.int32(3)), samples=1).rgb.shape == (3, 4, 3)
+
+
+def test_a_module_without_rules_is_told() -> None:
+    with pytest.raises(GrammarError, match="module `A` has no rules"):
+        pcsg.Scene(pcsg.S("A"))

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from pcsg.arguments import shown
+from pcsg.arguments import listed, shown
 from pcsg.errors import UsageError, suggest
 from pcsg.graph.attributes import ATTRIBUTE_SLOTS
 from pcsg.graph.expr import Expr, as_expr, asks_world, signature
@@ -55,7 +55,10 @@ class Graph:
         if not isinstance(root, Node):
             raise UsageError(f"the axiom is a node, not {shown(root)}")
         self.root = root
-        self.settings = tuple(settings)
+        self.settings = tuple(listed(settings, "settings", "settings"))
+        for setting in self.settings:
+            if not isinstance(setting, Setting):
+                raise UsageError(f"`settings` is a list of settings, not {shown(setting)}")
 
     @cached_property
     def nodes(self) -> tuple[Node, ...]:

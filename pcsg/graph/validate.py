@@ -20,6 +20,7 @@ MOST_SUGGESTIONS = 200
 def check_graph(graph: Graph) -> list[Diagnostic]:
     """Return everything that is wrong with a graph before any ray walks it."""
     return [
+        *check_rules(graph),
         *check_parameters(graph),
         *check_setting_parameters(graph),
         *check_sheets(graph),
@@ -27,6 +28,20 @@ def check_graph(graph: Graph) -> list[Diagnostic]:
         *check_termination(graph),
         *check_files(graph),
         *check_colours(graph),
+    ]
+
+
+def check_rules(graph: Graph) -> list[Diagnostic]:
+    """Report modules without rules, which only graphs built in Python can have."""
+    return [
+        diagnose(
+            "undefined-module",
+            f"module `{node.name}` has no rules",
+            node.span,
+            hint="give it one: `.rule(1, ...)`",
+        )
+        for node in graph.nodes
+        if isinstance(node, Selection) and not node.rules
     ]
 
 
