@@ -147,7 +147,8 @@ def _check_constants(graph: Graph) -> None:
 def reserved_names() -> frozenset[str]:
     """Return the words that no module, definition or parameter can be called."""
     words = {"else", "and", "or", "not", "pi", "e", "true", "false"}
-    return frozenset(words | {*TRANSFORMS, *ATTRIBUTES, *LEAF_NAMES})
+    primitives = {name for name, leaf in LEAF_NAMES.items() if not leaf.soft}
+    return frozenset(words | {*TRANSFORMS, *ATTRIBUTES} | primitives)
 
 
 class _Writer:
@@ -176,7 +177,8 @@ class _Writer:
         return "\n\n".join(items) + "\n"
 
     def _check_names(self) -> None:
-        seen: dict[str, str] = {}
+        leaves = (node.solid for node in self._graph.nodes if isinstance(node, Leaf))
+        seen = {solid.name: "primitive" for solid in leaves if solid.soft}
         for node in self._graph.nodes:
             if isinstance(node, Selection):
                 self._claim(node.name, "module", seen)

@@ -7,9 +7,10 @@ import unicodedata
 import pytest
 
 import pcsg
-from pcsg.errors import GrammarError
+from pcsg.errors import GrammarError, UsageError
 from pcsg.grammar import check_text, load_text
 from pcsg.graph.nodes import Leaf
+from pcsg.graph.text import to_pcsg
 
 FOREST = """{ größe = 2; ħ = 0.5 } БЕРЁЗА
 БЕРЁЗА if(größe > 0, 2, 1)
@@ -83,3 +84,13 @@ def test_new_primitives_are_known_where_nobody_else_has_the_name() -> None:
     assert check_text("disc(2)")[1][0].hint == (
         "size and place are transformations before it: `uscale(2) disc`"
     )
+
+
+def test_what_is_called_like_a_new_primitive_is_written_back() -> None:
+    text = "material(disc) sphere | part | rectangle\npart = box\nmaterial disc { color = (1,0,0) }"
+    graph = load_text(text)
+    assert to_pcsg(load_text(to_pcsg(graph))) == to_pcsg(graph)
+    own = pcsg.S("disc").rule(1, pcsg.sphere)
+    assert "1: disc -> sphere" in to_pcsg(pcsg.Graph(own))
+    with pytest.raises(UsageError, match="two things are called `disc`"):
+        to_pcsg(pcsg.Graph(own | pcsg.disc))

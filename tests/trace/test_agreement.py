@@ -603,12 +603,14 @@ FAULTS = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_faults_are_raised_by_both(name: str) -> None:
     graph = FAULTS[name]
+    # The oracle's recursion is Python's, which ends before the limit does.
+    limit = 1_000
     with pytest.raises(oracle.Fault):
-        oracle.events(graph, (-3, 0, 0), (1, 0, 0))
+        oracle.events(graph, (-3, 0, 0), (1, 0, 0), depth_limit=limit)
     with pytest.raises(oracle.Fault):
-        oracle.contains(graph, (0, 0, 0))
+        oracle.contains(graph, (0, 0, 0), depth_limit=limit)
     # Without boxes, for a module at fault may be empty and be passed by.
-    walker = Walker(graph, boxes=unbounded(graph))
+    walker = Walker(graph, boxes=unbounded(graph), depth_limit=limit)
     o, d = [(-3.0, 0.0, 0.0)], [(1.0, 0.0, 0.0)]
     for query in (walker.intersect, walker.occluded, walker.spans):
         with pytest.raises(EvaluationFault):
@@ -636,9 +638,7 @@ def test_the_depth_limit_is_the_oracles() -> None:
     assert cast(Walker(Graph(cases.chain(40, BALL)), depth_limit=40), ray).t[0] == 2.0
     with pytest.raises(EvaluationFault):
         cast(Walker(Graph(cases.chain(41, BALL)), depth_limit=40), ray)
-    assert cast(Walker(Graph(cases.chain(10_000, BALL))), ray).t[0] == 2.0
-    with pytest.raises(EvaluationFault):
-        cast(Walker(Graph(cases.chain(10_001, BALL))), ray)
+    assert cast(Walker(Graph(cases.chain(10_001, BALL))), ray).t[0] == 2.0
 
 
 def test_halves_round_to_even() -> None:
