@@ -11,6 +11,7 @@ from pcsg.graph.expr import Expr, parameters_of
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.settings import SETTINGS, FileName, Setting, ValueKind
 from pcsg.graph.tape import Fault, Program
+from pcsg.vec import IDENTITY
 
 
 def axiom_values(graph: Graph, values: Mapping[str, float]) -> dict[str, float]:
@@ -134,10 +135,11 @@ def _value(setting: Setting, key: str, known: Mapping[str, float]) -> Any:
 def _evaluate(expr: Expr, known: Mapping[str, float]) -> float:
     """Return the value of an expression over known parameters."""
     names = [name for name in parameters_of(expr) if name in known]  # there may be thousands
-    program = Program({name: k for k, name in enumerate(names)})
+    # Where the axiom's block asks for the world, its frame is the world's.
+    program = Program({name: k for k, name in enumerate(names)}, len(names))
     try:
         at = program.add([expr])
-        return program.evaluate(at, [known[name] for name in names])[0]
+        return program.evaluate(at, [*(known[name] for name in names), *IDENTITY])[0]
     except Fault as fault:
         span = program.span(fault.instruction) or getattr(expr, "span", None)
         message = "the result is not a finite number"
