@@ -26,6 +26,7 @@ from pcsg.commands.arguments import (
 )
 from pcsg.commands.growing import app as grow
 from pcsg.commands.guard import guard, prepare_standard_files
+from pcsg.commands.interrupts import heard_interrupts
 from pcsg.commands.limbs import app as limbs
 from pcsg.commands.parent import follow_if_tied
 
@@ -372,4 +373,5 @@ def main() -> None:
     """Run the command line."""
     prepare_standard_files()
     follow_if_tied()
-    app()
+    with heard_interrupts():
+        app()

@@ -336,6 +336,46 @@ def test_an_interrupt_keeps_the_partial_picture(tmp_path):
     assert (tmp_path / "ball.png").read_bytes().startswith(b"\x89PNG")
 
 
+ENDLESS_RAY = """
+import pcsg
+from pcsg.commands.guard import guard
+from pcsg.commands.interrupts import heard_interrupts
+
+@guard
+def run():
+    scene = pcsg.loads("{n = 2} repeat(9, move(0,0,1)) for(i, 0, n) box", threads=THREADS)
+    rays = [[0, 0, 9]] * COUNT, [[0, 0.01, -1]] * COUNT
+    scene.intersect(*rays)
+    scene = pcsg.loads("{n = 1e9} repeat(9, move(0,0,1)) for(i, 0, n) box", threads=THREADS)
+    scene.tracer
+    print("tracing", flush=True)
+    scene.intersect(*rays)
+
+with heard_interrupts():
+    run()
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals differ there")
+@pytest.mark.parametrize(("threads", "count"), [(1, 1), (2, 8_192)])
+def test_an_interrupt_ends_a_ray_that_does_not_end(tmp_path, threads, count):
+    text = ENDLESS_RAY.replace("THREADS", str(threads)).replace("COUNT", str(count))
+    with subprocess.Popen(
+        [sys.executable, "-c", text],
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "tracing\n"
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        try:
+            assert process.wait(timeout=30) == 130
+        finally:
+            process.kill()
+
+
 def test_warmup_tells_what_it_has_compiled(run):
     took = json.loads(run("warmup", "--json").output)
     assert {"recursion that ends", "many states", "states on demand"} <= set(took)

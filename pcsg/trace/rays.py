@@ -188,6 +188,10 @@ class Pace:
         self._size = max(SMALLEST_CHUNK, min(wanted, most, LARGEST_CHUNK))
 
 
+PATIENCE = 0.5
+"""Seconds that an exception waits for chunks that have begun: one ray may take for ever."""
+
+
 def run_chunks(n: int, threads: int, work: Callable[[int, int], None], pace: Pace) -> None:
     """Call ``work(begin, end)`` for chunks of n rays, in threads if there are several.
 
@@ -217,7 +221,7 @@ def run_chunks(n: int, threads: int, work: Callable[[int, int], None], pace: Pac
                 future.result()
         except BaseException:
             chunks.end()
-            wait(futures)
+            wait(futures, PATIENCE)
             raise
     if chunks.errors:
         raise min(chunks.errors, key=itemgetter(0))[1]
