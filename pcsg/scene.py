@@ -14,41 +14,25 @@ from numpy.typing import ArrayLike, NDArray
 from pcsg import arguments
 from pcsg.collector import collector_at_rest
 from pcsg.errors import GrammarError, UsageError
-from pcsg.graph.binding import make_recipes
-from pcsg.graph.bounds import HyperBoxes, hyper_boxes
+from pcsg.graph.bounds import HyperBoxes
 from pcsg.graph.digest import digest_of
 from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, unit
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.nodes import Combinable, Leaf, as_node
-from pcsg.graph.recipes import NoRecipe, Recipes
 from pcsg.graph.states import StateGraph
 from pcsg.graph.stats import Census, graph_stats, take_census
 from pcsg.graph.text import to_pcsg
-from pcsg.graph.unroll import enumerate_states
 from pcsg.graph.validate import check_graph
-from pcsg.memory import half_of_memory
-from pcsg.trace.expand.reading import EXPANSION_MEMORY, StatesReader
+from pcsg.trace.choice import EngineChoice, Limits
 from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.lazy import LazyTracer
-from pcsg.trace.pool import pool_of
-from pcsg.trace.preparing import Preparation
-from pcsg.trace.rays import check_rays, count_processors
-from pcsg.trace.store import BLOCK_MEMORY
-from pcsg.trace.tracer import Engine, StatesTracer, trace_states
+from pcsg.trace.rays import check_rays
+from pcsg.trace.tracer import Engine, StatesTracer
 from pcsg.trace.walker import Walker
 
 if TYPE_CHECKING:
     from pcsg.graph.leaves import Leaves
-    from pcsg.trace.expand.expansion import Expansion
-    from pcsg.trace.expand.pack import Packed
-    from pcsg.trace.expand.partial import PartialExpansion
     from pcsg.treemesh.segments import Assembled
-
-UNROLL_BUDGET = 2_000
-"""States that are unrolled before others are left to be made on demand."""
-
-WHOLE_BUDGET = 16_000
-"""States that are unrolled where they cannot be made on demand: seconds of preparation."""
 
 
 def load(
@@ -174,9 +158,11 @@ class Scene:
         if not isinstance(engine, str) or engine not in get_args(Engine):
             known = ", ".join(get_args(Engine))
             raise UsageError(f"unknown engine {arguments.shown(engine)}; one of {known}")
-        self._threads = None if threads is None else arguments.whole(threads, "threads", 1)
-        self._max_memory = _bytes(max_memory, "max_memory")
-        self._block_memory = _bytes(block_memory, "block_memory")
+        self._limits = Limits(
+            None if threads is None else arguments.whole(threads, "threads", 1),
+            _bytes(max_memory, "max_memory"),
+            _bytes(block_memory, "block_memory"),
+        )
         self.graph = graph.override(given)
         with collector_at_rest():
             self._prepare(engine, values)
@@ -192,101 +178,10 @@ class Scene:
         sun = self._sun({**GLOBALS, **values})
         self.values: dict[str, float] = {**GLOBALS, **values, **sun}
         """Values of the global parameters."""
-        faults = self.states.diagnostics
-        if faults:
-            raise GrammarError(faults)
-        self._recipes: Recipes | None = None
-        self._expansion: Expansion | None = None
-        self._partial: PartialExpansion | None = None
-        self._model_values: dict[int, list[tuple[float, ...]]] = {}
-        unrolled = engine != "cyclic" and self._unroll()
-        if engine == "states" and not unrolled:
-            raise UsageError(f"{self._obstacle}; use the engine `cyclic` or `auto`")
         self._asked = engine
-        self.engine = "states" if unrolled else "cyclic"
+        self._choice = EngineChoice(self.graph, self.values, engine, self._limits)
+        self.engine = self._choice.name
         """The engine in use."""
-
-    def _unroll(self) -> bool:
-        """Find how the engine of states can have its states; return whether it can."""
-        if not self.states.finite:
-            self._expansion = self._expand()
-            if self._expansion is not None:
-                self._model_values = self._expansion.model_values
-                return True
-            if self.states.unknown_models:
-                raise GrammarError(self.states.unknown_models)
-            try:
-                self._recipes = make_recipes(self.graph, self.values)
-            except NoRecipe:
-                return self._expand_partly()
-            else:
-                return True
-        if self.states.finite and not self.states.acyclic:
-            self._obstacle = "a module of the grammar leads back to itself with the same values"
-        unrolled = self.states.finite and self.states.acyclic
-        if unrolled and self._is_far():
-            self._expansion = self._expand()
-        return unrolled
-
-    def _is_far(self) -> bool:
-        """Return whether few states need frames that only compiled code lays out."""
-        from pcsg.trace.blocks import OPEN_WHOLE
-        from pcsg.trace.expand.frames import is_flat_and_small
-
-        with np.errstate(over="ignore", invalid="ignore"):
-            return is_flat_and_small(self.states, OPEN_WHOLE)
-
-    def _expand_partly(self) -> bool:
-        """Expand the largest states, so that the others can follow; return whether they can."""
-        from pcsg.trace.expand.partial import NotSuspended, PartialExpansion
-
-        memory = BLOCK_MEMORY if self._block_memory is None else self._block_memory
-        try:
-            expansion = PartialExpansion(self.graph, self.values, pool_of(self.graph), memory)
-        except NotSuspended as reason:
-            self.states = enumerate_states(self.graph, self.values, WHOLE_BUDGET)
-            self._obstacle = (
-                f"the grammar has more than {self.states.count:,} states, which cannot be made"
-                f" on demand ({reason})"
-            )
-            return self.states.finite and self.states.acyclic
-        self._partial = expansion
-        self._model_values = expansion.model_values
-        return True
-
-    def _expand(self) -> Expansion | None:
-        """Return all states where memory has room for them, in compiled code."""
-        memory = EXPANSION_MEMORY if self._block_memory is None else self._block_memory
-        found = self._reader.expand(
-            memory, pool_of(self.graph), preparation=self._preparation(0.0, 0.4)
-        )
-        if found is None:
-            return None
-        if found.diagnostics:
-            raise GrammarError(found.diagnostics)
-        return found if found.order is not None else None
-
-    @cached_property
-    def _reader(self) -> StatesReader:
-        """Who reads the states for others."""
-        return StatesReader(self.graph, self.values, self.states, lambda: self._expansion)
-
-    @cached_property
-    def _packed(self) -> Packed | None:
-        """The expansion as blocks; the table of states goes."""
-        from pcsg.trace.expand.pack import pack_expansion
-
-        if self._expansion is None:
-            return None
-        packed = pack_expansion(self._expansion, self._preparation(0.4, 1.0))
-        self._expansion = None
-        return packed
-
-    def _preparation(self, begin: float, end: float) -> Preparation:
-        """Return a part of the preparation, from one share to another."""
-        span = self.graph.root.span
-        most = half_of_memory() if self._max_memory is None else self._max_memory
-        return Preparation(span.source.name if span else "the scene", most, begin, end)
 
     def _sun(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the direction towards the sun as the parameters SUNX, SUNY, SUNZ."""
@@ -295,78 +190,20 @@ class Scene:
         x, y, z = unit(values_of_sun["direction"])
         return {"SUNX": x, "SUNY": y, "SUNZ": z}
 
-    @cached_property
+    @property
     def states(self) -> StateGraph:
         """The graph unrolled over its states, as far as the budget goes."""
-        return enumerate_states(self.graph, self.values, UNROLL_BUDGET)
+        return self._choice.states
 
-    @cached_property
+    @property
     def boxes(self) -> HyperBoxes:
         """Hyper-bounding boxes of the nodes."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return hyper_boxes(self.graph, self.values, self.states)
+        return self._choice.boxes
 
-    @cached_property
+    @property
     def tracer(self) -> Walker | StatesTracer | LazyTracer:
         """Who answers the rays."""
-        # What is beyond the numbers of boxes is infinite there, and so within them.
-        with np.errstate(over="ignore", invalid="ignore"), collector_at_rest():
-            return self._make_tracer()
-
-    def _make_tracer(self) -> Walker | StatesTracer | LazyTracer:
-        if self._recipes is not None:
-            memory = BLOCK_MEMORY if self._block_memory is None else self._block_memory
-            return LazyTracer(
-                self._recipes,
-                self.values,
-                walker=self._make_walker,
-                threads=self._threads,
-                block_memory=memory,
-                box=self.boxes.boxes[self.graph.number[self.graph.root]],
-            )
-        if self._partial is not None:
-            return self._trace_partly(self._partial)
-        if self._packed is not None:
-            packed, models = self._packed, pool_of(self.graph)
-            return StatesTracer(
-                packed.blocks,
-                models,
-                self._make_walker,
-                self._threads,
-                lambda: packed.may_shrink,
-            )
-        if self.engine == "states":
-            return trace_states(self.graph, self.states, self._make_walker, self._threads)
-        return self._make_walker()
-
-    def _trace_partly(self, expansion: PartialExpansion) -> StatesTracer:
-        """Return the tracer of a graph of which only the largest states are expanded."""
-        from pcsg.trace.expand.suspended import SuspendedBlocks
-
-        suspended = SuspendedBlocks(expansion, self._threads or count_processors())
-        self._partial = None
-        return StatesTracer(
-            suspended.packed.blocks,
-            pool_of(self.graph),
-            self._make_walker,
-            self._threads,
-            suspended=suspended,
-        )
-
-    def _make_walker(self) -> Walker:
-        if self.states.unknown_models and not self._model_values:
-            table = self._reader.expand()
-            self._model_values = {} if table is None else table.model_values
-        limit = {} if self._max_memory is None else {"max_bytes": self._max_memory}
-        return Walker(
-            self.graph,
-            self.values,
-            boxes=self.boxes.boxes,
-            threads=self._threads,
-            states=self.states,
-            model_values=self._model_values,
-            **limit,
-        )
+        return self._choice.tracer
 
     @cached_property
     def parameters(self) -> dict[str, float]:
@@ -377,8 +214,8 @@ class Scene:
     @property
     def bounds(self) -> NDArray[np.float64]:
         """Corners of the box about the bounded parts, float64 (2, 3); +inf, -inf if empty."""
-        if self._packed is not None:
-            return self._packed.bounded
+        if self._choice.packed is not None:
+            return self._choice.packed.bounded
         box = self.boxes.scene_box
         return np.array([box.lower, box.upper])
 
@@ -441,7 +278,7 @@ class Scene:
         UsageError
             The scene has too many states for their table: some millions.
         """
-        return self._reader.leaves(arguments.whole(batch, "batch", 1))
+        return self._choice.reader.leaves(arguments.whole(batch, "batch", 1))
 
     def setting_values(self, kind: str) -> list[dict[str, Any]]:
         """Return the settings of a kind, defaults filled in, None where automatic."""
@@ -463,7 +300,7 @@ class Scene:
         """
         if not (strengths > 0.0).any():
             return np.empty((0, 0))
-        return self._reader.covers(strengths.tolist())
+        return self._choice.reader.covers(strengths.tolist())
 
     def intersect(
         self,
@@ -530,8 +367,8 @@ class Scene:
     def stats(self) -> dict[str, Any]:
         """Return statistics of the scene: see `graph_stats`."""
         # The table of states is read before it is packed and goes.
-        counted = self._reader.count()
-        packed = self._packed
+        counted = self._choice.reader.count()
+        packed = self._choice.packed
         if counted is None or packed is None:
             known = take_census(self.graph, self.values, self.states, self.boxes, counted)
         else:
@@ -552,9 +389,7 @@ class Scene:
         values = {name: self.values[name] for name in ("SEED", "TIME")}
         limits = {
             "engine": self._asked,
-            "threads": self._threads,
-            "max_memory": self._max_memory,
-            "block_memory": self._block_memory,
+            **self._limits._asdict(),
         }
         return _make_scene, (self.graph, values, limits)
 

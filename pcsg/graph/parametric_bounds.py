@@ -245,51 +245,12 @@ class _Measure:
         """Return upper bounds of an entry along a row."""
         if key not in self.of_entries:  # around a cycle
             return along_box(row, self.extents[key].box, self.inputs)
-        return self._along_sides(row, self.of_entries[key], forms)
-
-    def _along_sides(
-        self, row: Sequence[Linear], sides: Sides, forms: Mapping[str, Linear]
-    ) -> list[Linear]:
-        """Return the bounds of a box along a row; one of its sides may depend on values."""
-        total = row[3]
-        chosen: list[Linear] | None = None
-        for k in range(3):
-            slope = row[k]
-            interval = range_of(slope, self.inputs)
-            if interval == (0.0, 0.0):
-                continue
-            upper = self._side_forms(sides.sides[k + 3], forms, 1.0)
-            lower = self._side_forms(sides.sides[k], forms, -1.0)
-            if not upper or not lower:
-                return []
-            if not slope.linear and interval[0] == interval[1]:
-                c = interval[0]
-                options = [scale_form(f, abs(c)) for f in (upper if c > 0.0 else lower)]
-                if chosen is None and any(f.linear for f in options):
-                    chosen = options
-                    continue
-                most = max(range_of(f, self.inputs)[1] for f in options)
-                total = add_forms(total, Linear({}, (-INF, most)))
-                continue
-            extent = (
-                -max(range_of(f, self.inputs)[1] for f in lower),
-                max(range_of(f, self.inputs)[1] for f in upper),
-            )
-            total = add_forms(total, Linear({}, multiply(interval, extent)))
-        return [total] if chosen is None else [add_forms(total, f) for f in chosen]
-
-    def _side_forms(self, side: Side, forms: Mapping[str, Linear], sign: float) -> list[Linear]:
-        """Return the terms of a side (lower sides negated) as forms over the values outside."""
-        found = [
-            add_forms(
-                scale_form(forms.get(self.names[k], ANYTHING), sign),
-                Linear({}, (side.shift, side.shift)),
-            )
-            for k in side.group
-        ]
-        if side.floor > -INF:
-            found.append(Linear({}, (side.floor, side.floor)))
-        return found
+        return along_sides(
+            row,
+            self.of_entries[key],
+            lambda k: forms.get(self.names[k], ANYTHING),
+            self.inputs,
+        )
 
     def _combine(self, operator: Operator, parts: list[Candidates]) -> Candidates:
         """Return upper bounds of what an operator makes of solids."""
@@ -338,3 +299,52 @@ def fit_side(forms: list[Linear], inputs: Inputs, limit: float, sign: float) -> 
         (range_of(Linear({k: sign}, (0.0, 0.0)), inputs)[1] for k in group), default=0
     )
     return Side((), -INF, min(max(most, floor), limit))
+
+
+def along_sides(
+    row: Sequence[Linear], sides: Sides, form_at: Callable[[int], Linear], inputs: Inputs
+) -> list[Linear]:
+    """Return the bounds of a box along a row; one of its sides may depend on inputs.
+
+    Parameters
+    ----------
+    form_at
+        The form, over the inputs, of each value that the sides depend on.
+    """
+    total = row[3]
+    chosen: list[Linear] | None = None
+    for k in range(3):
+        slope = row[k]
+        interval = range_of(slope, inputs)
+        if interval == (0.0, 0.0):
+            continue
+        upper = _side_forms(sides.sides[k + 3], form_at, 1.0)
+        lower = _side_forms(sides.sides[k], form_at, -1.0)
+        if not upper or not lower:
+            return []
+        if not slope.linear and interval[0] == interval[1]:
+            c = interval[0]
+            options = [scale_form(f, abs(c)) for f in (upper if c > 0.0 else lower)]
+            if chosen is None and any(f.linear for f in options):
+                chosen = options
+                continue
+            most = max(range_of(f, inputs)[1] for f in options)
+            total = add_forms(total, Linear({}, (-INF, most)))
+            continue
+        extent = (
+            -max(range_of(f, inputs)[1] for f in lower),
+            max(range_of(f, inputs)[1] for f in upper),
+        )
+        total = add_forms(total, Linear({}, multiply(interval, extent)))
+    return [total] if chosen is None else [add_forms(total, f) for f in chosen]
+
+
+def _side_forms(side: Side, form_at: Callable[[int], Linear], sign: float) -> list[Linear]:
+    """Return the terms of a side (lower sides negated) as forms over the inputs."""
+    found = [
+        add_forms(scale_form(form_at(k), sign), Linear({}, (side.shift, side.shift)))
+        for k in side.group
+    ]
+    if side.floor > -INF:
+        found.append(Linear({}, (side.floor, side.floor)))
+    return found

@@ -17,22 +17,19 @@ from dataclasses import dataclass
 from pcsg.graph.affine_forms import (
     Inputs,
     Linear,
-    add_forms,
     along_box,
     along_point,
     form_of,
     multiply_matrices,
-    range_of,
     scale_form,
     transform_forms,
 )
 from pcsg.graph.expr import Expr
 from pcsg.graph.extents import leaf_extent
-from pcsg.graph.hulls import INF, Bounds
-from pcsg.graph.intervals import multiply
+from pcsg.graph.hulls import Bounds
 from pcsg.graph.liveness import successors_first
 from pcsg.graph.nodes import Leaf
-from pcsg.graph.parametric_bounds import Side, Sides, fit_side
+from pcsg.graph.parametric_bounds import Sides, along_sides, fit_side
 from pcsg.graph.recipes import Entry, FixedPart, LeafPart, Part, Recipe, Recipes
 from pcsg.graph.sharing import Assign
 from pcsg.vec import Affine
@@ -103,7 +100,7 @@ class _Measure:
         if part.entry not in self.found:  # around a cycle
             return along_box(row, self.extents[part.entry].box, known.ranges)
         values = [_form(v, known) for v in part.values]
-        return _along_sides(row, self.found[part.entry], values, known)
+        return along_sides(row, self.found[part.entry], values.__getitem__, known.ranges)
 
 
 def _run(entry: Entry, recipe: Recipe) -> _Registers:
@@ -137,46 +134,3 @@ def _matrix(part: Part, known: _Registers) -> tuple[Linear, ...]:
     if isinstance(part.matrix, Affine):
         return tuple(Linear({}, (x, x)) for x in part.matrix)
     return known.matrices[part.matrix]
-
-
-def _along_sides(
-    row: Sequence[Linear], sides: Sides, values: list[Linear], known: _Registers
-) -> list[Linear]:
-    """Return the bounds of an entry's box along a row; one of its sides may depend on inputs."""
-    total = row[3]
-    chosen: list[Linear] | None = None
-    for k in range(3):
-        slope = row[k]
-        interval = range_of(slope, known.ranges)
-        if interval == (0.0, 0.0):
-            continue
-        upper = _side_forms(sides.sides[k + 3], values, 1.0)
-        lower = _side_forms(sides.sides[k], values, -1.0)
-        if not upper or not lower:
-            return []
-        if not slope.linear and interval[0] == interval[1]:
-            c = interval[0]
-            options = [scale_form(f, abs(c)) for f in (upper if c > 0.0 else lower)]
-            if chosen is None and any(f.linear for f in options):
-                chosen = options
-                continue
-            most = max(range_of(f, known.ranges)[1] for f in options)
-            total = add_forms(total, Linear({}, (-INF, most)))
-            continue
-        extent = (
-            -max(range_of(f, known.ranges)[1] for f in lower),
-            max(range_of(f, known.ranges)[1] for f in upper),
-        )
-        total = add_forms(total, Linear({}, multiply(interval, extent)))
-    return [total] if chosen is None else [add_forms(total, f) for f in chosen]
-
-
-def _side_forms(side: Side, values: list[Linear], sign: float) -> list[Linear]:
-    """Return the terms of a side (lower sides negated) as forms over the inputs outside."""
-    forms = [
-        add_forms(scale_form(values[k], sign), Linear({}, (side.shift, side.shift)))
-        for k in side.group
-    ]
-    if side.floor > -INF:
-        forms.append(Linear({}, (side.floor, side.floor)))
-    return forms

@@ -48,8 +48,29 @@ def triangle_crossing(ray: Ray, sign: float, t: Array, n: int) -> int:
     return n
 
 
+class _Flat(Solid):
+    """What sheets in z = 0 have in common: the normal +z, and no point inside.
+
+    Surface coordinates, but of triangles: x and y from -1 to 1 as 0 to 1.
+    """
+
+    sheet = True
+
+    @staticmethod
+    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
+        return Vec3(0.0, 0.0, 1.0)
+
+    @staticmethod
+    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
+        return False
+
+    @staticmethod
+    def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
+        return 0.5 + 0.5 * p.x, 0.5 + 0.5 * p.y
+
+
 @leaf
-class Tri1(Solid):
+class Tri1(_Flat):
     """Triangle (0,0,0), (1,0,0), (0,1,0): a sheet without volume, whose normal is +z.
 
     Surface coordinates: the barycentric ones of the second and the third corner.
@@ -57,19 +78,10 @@ class Tri1(Solid):
 
     bounds = Bounds((-EDGE, -EDGE, 0.0), (FAR, FAR, 0.0))
     corners = (Vec3(-EDGE, -EDGE, 0.0), Vec3(FAR, -EDGE, 0.0), Vec3(-EDGE, FAR, 0.0))
-    sheet = True
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
         return triangle_crossing(ray, 1.0, t, n)
-
-    @staticmethod
-    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
-        return Vec3(0.0, 0.0, 1.0)
-
-    @staticmethod
-    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
-        return False
 
     @staticmethod
     def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
@@ -77,7 +89,7 @@ class Tri1(Solid):
 
 
 @leaf
-class Tri2(Solid):
+class Tri2(_Flat):
     """Triangle (0,0,0), (-1,0,0), (0,-1,0): a sheet without volume, whose normal is +z.
 
     Surface coordinates: the barycentric ones of the second and the third corner.
@@ -85,19 +97,10 @@ class Tri2(Solid):
 
     bounds = Bounds((-FAR, -FAR, 0.0), (EDGE, EDGE, 0.0))
     corners = (Vec3(EDGE, EDGE, 0.0), Vec3(-FAR, EDGE, 0.0), Vec3(EDGE, -FAR, 0.0))
-    sheet = True
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
         return triangle_crossing(ray, -1.0, t, n)
-
-    @staticmethod
-    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
-        return Vec3(0.0, 0.0, 1.0)
-
-    @staticmethod
-    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
-        return False
 
     @staticmethod
     def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
@@ -105,7 +108,7 @@ class Tri2(Solid):
 
 
 @leaf
-class Disc(Solid):
+class Disc(_Flat):
     """Disc of radius 1 about the origin in z = 0: a sheet without volume, whose normal is +z.
 
     Surface coordinates: x and y, from 0 to 1.
@@ -113,7 +116,6 @@ class Disc(Solid):
 
     bounds = Bounds((-1.0, -1.0, 0.0), (1.0, 1.0, 0.0))
     ball = (Vec3(0.0, 0.0, 0.0), 1.0)
-    sheet = True
     soft = True
 
     @staticmethod
@@ -131,21 +133,9 @@ class Disc(Solid):
             return n + 2
         return n
 
-    @staticmethod
-    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
-        return Vec3(0.0, 0.0, 1.0)
-
-    @staticmethod
-    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
-        return False
-
-    @staticmethod
-    def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
-        return 0.5 + 0.5 * p.x, 0.5 + 0.5 * p.y
-
 
 @leaf
-class Rectangle(Solid):
+class Rectangle(_Flat):
     """Square -1 <= x, y <= 1 in z = 0: a sheet without volume, whose normal is +z.
 
     Its edges reach over like those of triangles, so that no ray slips through between neighbours.
@@ -153,7 +143,6 @@ class Rectangle(Solid):
     """
 
     bounds = Bounds((-FAR, -FAR, 0.0), (FAR, FAR, 0.0))
-    sheet = True
     soft = True
 
     @staticmethod
@@ -167,15 +156,3 @@ class Rectangle(Solid):
             t[n], t[n + 1] = s, s
             return n + 2
         return n
-
-    @staticmethod
-    def normal(p: Vec3, args: Array, at: int, pool: Pool) -> Vec3:
-        return Vec3(0.0, 0.0, 1.0)
-
-    @staticmethod
-    def inside(p: Vec3, args: Array, at: int, pool: Pool) -> bool:
-        return False
-
-    @staticmethod
-    def uv(p: Vec3, args: Array, at: int, pool: Pool) -> tuple[float, float]:
-        return 0.5 + 0.5 * p.x, 0.5 + 0.5 * p.y

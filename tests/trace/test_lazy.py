@@ -11,6 +11,7 @@ import numpy as np
 import oracle
 import pytest
 import strategies as cases
+from afar import brightness, seen_from_afar
 from agreement import Judge, cast, make_lazy
 from hypothesis import assume, event, given
 from hypothesis import strategies as st
@@ -23,7 +24,6 @@ from pcsg.graph.graph import Graph
 from pcsg.graph.recipes import EntryPart, NoRecipe
 from pcsg.graph.sides import entry_sides
 from pcsg.scene import Scene
-from pcsg.trace.coverage import Footprint
 from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.walker import Walker
 
@@ -182,34 +182,10 @@ def test_what_does_not_depend_on_inputs_is_a_fixture() -> None:
     assert EntryPart in kinds
 
 
-def seen_from_afar(graph: Graph, pixels: int, target: tuple[float, float, float]) -> Any:
-    """Return rays through a picture of so many pixels, several each, and their footprint."""
-    rng = np.random.default_rng(8)
-    eye = np.array([14.0, -20.0, 9.0])
-    forward = np.subtract(target, eye)
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    place = rng.random((60_000, 2)) * 2.0 - 1.0
-    tangent = 0.12
-    directions = forward + tangent * (
-        place[:, :1] * right + place[:, 1:] * np.cross(right, forward)
-    )
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    n = len(directions)
-    footprint = Footprint(np.zeros(n), np.full(n, 2.0 * tangent / pixels))
-    return np.broadcast_to(eye, (n, 3)).copy(), directions, footprint
-
-
-def brightness(hits: Any) -> float:
-    light = np.clip(hits.normal @ np.array([0.37, -0.55, 0.75]), 0.0, None)
-    return float(light.sum() / len(light))
-
-
 @pytest.mark.parametrize("pixels", [24, 16])
 def test_what_is_smaller_than_a_pixel_covers_as_much_as_it_does(pixels: int) -> None:
     graph = plant(10)
-    origins, directions, footprint = seen_from_afar(graph, pixels, (0.0, 0.0, 2.0))
+    origins, directions, footprint = seen_from_afar(pixels, (0.0, 0.0, 2.0), 0.12, 60_000)
     tracer = make_lazy(graph)
     whole = tracer.intersect(origins, directions)
     ended = tracer.intersect(origins, directions, footprint=footprint)
@@ -225,7 +201,7 @@ def test_what_is_smaller_than_a_pixel_covers_as_much_as_it_does(pixels: int) -> 
 
 def test_pictures_with_ends_do_not_depend_on_memory_or_threads() -> None:
     graph = plant(10)
-    origins, directions, footprint = seen_from_afar(graph, 30, (0.0, 0.0, 2.0))
+    origins, directions, footprint = seen_from_afar(30, (0.0, 0.0, 2.0), 0.12, 60_000)
     first = make_lazy(graph, threads=1).intersect(origins, directions, footprint=footprint)
     again = make_lazy(graph, threads=2).intersect(origins, directions, footprint=footprint)
     assert same_bits(first, again)
@@ -233,7 +209,7 @@ def test_pictures_with_ends_do_not_depend_on_memory_or_threads() -> None:
 
 def test_a_surface_ends_in_its_terminating_rule() -> None:
     graph = load_file(GRAMMARS / "terrain.pcsg").override({"cnt": 9.0})
-    origins, directions, footprint = seen_from_afar(graph, 40, (0.5, 0.5, 0.1))
+    origins, directions, footprint = seen_from_afar(40, (0.5, 0.5, 0.1), 0.12, 60_000)
     directions = (directions - directions.mean(0)) * 0.25 + directions.mean(0)
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     footprint = footprint._replace(spread=footprint.spread * 0.25)

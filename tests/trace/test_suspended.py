@@ -10,6 +10,7 @@ import numpy as np
 import oracle
 import pytest
 import strategies as cases
+from afar import brightness, seen_from_afar
 from agreement import Judge, cast, make_suspended
 from hypothesis import assume, event, given, settings
 from hypothesis import strategies as st
@@ -18,7 +19,6 @@ from pcsg.errors import EvaluationFault
 from pcsg.grammar import load_file, load_text
 from pcsg.graph.graph import Graph
 from pcsg.scene import Scene
-from pcsg.trace.coverage import Footprint
 from pcsg.trace.expand import suspended
 from pcsg.trace.expand.partial import NotSuspended
 from pcsg.trace.tracer import StatesTracer
@@ -161,31 +161,8 @@ def test_a_fault_is_told_by_the_walker() -> None:
         tracer.intersect(*rays_about(4_000))
 
 
-def seen_from_afar(pixels: int, target: tuple[float, float, float], tangent: float) -> Any:
-    """Return rays through a picture of so many pixels, several each, and their footprint."""
-    rng = np.random.default_rng(8)
-    eye = np.array([14.0, -20.0, 9.0])
-    forward = np.subtract(target, eye)
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    place = rng.random((40_000, 2)) * 2.0 - 1.0
-    directions = forward + tangent * (
-        place[:, :1] * right + place[:, 1:] * np.cross(right, forward)
-    )
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    n = len(directions)
-    footprint = Footprint(np.zeros(n), np.full(n, 2.0 * tangent / pixels))
-    return np.broadcast_to(eye, (n, 3)).copy(), directions, footprint
-
-
-def brightness(hits: Any) -> float:
-    light = np.clip(hits.normal @ np.array([0.37, -0.55, 0.75]), 0.0, None)
-    return float(light.sum() / len(light))
-
-
 def test_what_is_smaller_than_a_pixel_covers_as_much_as_it_does() -> None:
-    origins, directions, footprint = seen_from_afar(8, (0.0, 0.0, 2.0), 0.12)
+    origins, directions, footprint = seen_from_afar(8, (0.0, 0.0, 2.0), 0.12, 40_000)
     tracer = make_suspended(opened(10), threads=1, block_memory=400_000)
     whole = tracer.intersect(origins, directions)
     ended = tracer.intersect(origins, directions, footprint=footprint)
@@ -202,7 +179,7 @@ def test_what_is_smaller_than_a_pixel_covers_as_much_as_it_does() -> None:
 
 def test_a_surface_ends_in_its_terminating_rule() -> None:
     graph = load_file(GRAMMARS / "terrain.pcsg").override({"cnt": 9.0})
-    origins, directions, footprint = seen_from_afar(40, (0.5, 0.5, 0.1), 0.03)
+    origins, directions, footprint = seen_from_afar(40, (0.5, 0.5, 0.1), 0.03, 40_000)
     tracer = make_suspended(graph, block_memory=1 << 20)
     whole = tracer.intersect(origins, directions)
     made = tracer.counts["expansions"]
