@@ -346,8 +346,10 @@ def place(matrix: ArrayLike, child: Field) -> Field:
         Takes the child's coordinates to those outside.
     """
     m = np.asarray(matrix, np.float64).reshape(3, 4)
-    # The determinant of larger numbers may be beyond all numbers.
-    if not np.abs(m).max() < 1e90 or abs(np.linalg.det(m[:, :3])) < 1e-300:
+    # The determinant of larger numbers may be beyond all numbers, and that of tiny ones below them.
+    with np.errstate(divide="ignore", under="ignore"):
+        singular = not np.abs(m).max() < 1e90 or abs(np.linalg.det(m[:, :3])) < 1e-300
+    if singular:
         raise UsageError("place: the matrix must be finite and not singular")
     return Placed(m, child)
 

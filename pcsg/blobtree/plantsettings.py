@@ -41,6 +41,9 @@ SETTINGS = ("junctions", "bark", "leaves", "bend", "tip", "printed", "seed", "th
 LARGEST = 1e6
 """Of parts of other sizes."""
 
+MOST = 1_000_000
+"""Parts that a file may allow."""
+
 T = TypeVar("T")
 
 
@@ -73,7 +76,7 @@ def read_settings(text: LSystemText) -> Settings | None:
         get("leaves", (LEAF,), _colours),
         get("thickness", 0.012, _positive),
         get("seed", None, _whole),
-        get("most", None, _whole),
+        get("most", None, _few),
     )
     return settings if len(text.mistakes()) == before else None
 
@@ -109,6 +112,13 @@ def _whole(name: str, text: str) -> int | None:
     if not 0.0 <= found < 2.0**53 or found != int(found):
         raise UsageError(f"`{name}:` takes a whole number from 0, not `{text}`")
     return int(found)
+
+
+def _few(name: str, text: str) -> int | None:
+    found = _whole(name, text)
+    if found is not None and found > MOST:
+        raise UsageError(f"`{name}:` allows up to {MOST:,} parts, not {found:,}")
+    return found
 
 
 def _colours(name: str, text: str) -> tuple[Colour, ...]:

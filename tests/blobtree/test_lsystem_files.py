@@ -289,6 +289,8 @@ def test_a_byte_order_mark_is_no_letter(tmp_path: Path) -> None:
         ("axiom: F(" + "(" * 90 + "1" + ")" * 90 + ")\n", "nests more than"),
         ("axiom: F(" + "+".join("1" * 400) + ")\n", "too many operations"),
         ("axiom: A\nA : : 0-1 -> F\n#define steps 1\n", "below 0"),
+        ("axiom: F\nmost: 1000001\n", "`most:` allows up to 1,000,000 parts, not 1,000,001"),
+        ("axiom: !(1)L(5e-324)\n", "not singular"),
         ("axiom: A\nA > " + "[B]" * 40 + " -> F\n", "60 modules at most"),
     ],
 )
