@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from pcsg.graph.columns import Lookup
 from pcsg.graph.expr import Apply, Expr, Number, Parameter
 from pcsg.graph.graph import Graph
 from pcsg.graph.nodes import (
@@ -213,11 +214,22 @@ def evaluate(expr: Expr, values: Mapping[str, float], frame: Rows) -> float:
     try:
         if name in _PLAIN:
             return _check(float(_PLAIN[name](*numbers)))
+        if isinstance(expr, Lookup):
+            return _cell(expr, numbers[0])
         if name in ("rand", "randedge", "gauss", "choose"):
             return _check(_random(name, numbers, expr.seeds))
         return _check(_query(name, frame, numbers))
     except (ValueError, OverflowError, ZeroDivisionError) as error:
         raise Fault(str(error)) from error
+
+
+def _cell(expr: Lookup, row: float) -> float:
+    """The number in a row of a column; rows count from 1."""
+    assert expr.column is not None
+    values = expr.column.values.tolist()
+    if not (row.is_integer() and 1 <= row <= len(values)):
+        raise Fault("no such row")
+    return float(values[int(row) - 1])
 
 
 # Matrices, as three rows of four

@@ -51,7 +51,7 @@ NUMBERS = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False),
 )
 
-_EAGER = [f for f in FUNCTIONS.values() if f.form is not Form.LAZY]
+_EAGER = [f for f in FUNCTIONS.values() if f.form not in (Form.LAZY, Form.COLUMN)]
 
 
 def expressions(params: Sequence[str] = (), *, world: bool = True) -> st.SearchStrategy[Expr]:

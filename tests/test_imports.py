@@ -36,6 +36,7 @@ FLOORS: list[set[str]] = [
         "meshfile",
         "outputs",
         "skeletonfile",
+        "tablefile",
         "marching",
     },
     {"blobtree"},

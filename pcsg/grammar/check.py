@@ -12,6 +12,7 @@ from pcsg.grammar.colors import is_palette
 from pcsg.grammar.fields import FIELD_BLENDS, FIELD_PRIMITIVES, FIELD_UNARY, field_names
 from pcsg.grammar.names import Names
 from pcsg.grammar.places import check_part_places, check_places
+from pcsg.grammar.rows import read_rows
 from pcsg.grammar.syntax import Arguments, Solid
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.expr import Apply, Expr, Number, Parameter, applications
@@ -150,8 +151,8 @@ def check_meaning(body: Solid | None, of_fields: bool) -> list[Diagnostic]:
 
 def check_field(part: Part, names: Names, fields: set[str]) -> list[Diagnostic]:
     """Check what stands in a blob."""
-    if isinstance(part, (syntax.For, syntax.Repeat)):
-        word = "for" if isinstance(part, syntax.For) else "repeat"
+    if isinstance(part, (syntax.For, syntax.Repeat, syntax.Scatter)):
+        word = type(part).__name__.lower()
         instead = "let a module of the blob repeat it"
         return [diagnose("not-a-field", f"`{word}` repeats solids", part.span, hint=instead)]
     if isinstance(part, syntax.BlendUse):
@@ -262,6 +263,8 @@ def _check_part(
         return check_numbers(expr for _, expr in part.assignments)
     if isinstance(part, syntax.Repeat):
         return check_numbers([part.count])
+    if isinstance(part, syntax.Scatter):
+        return read_rows(part, names)[1]
     if (
         isinstance(part, syntax.Unary)
         and part.name == "color"

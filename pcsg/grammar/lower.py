@@ -12,6 +12,7 @@ from pcsg.grammar.colors import is_palette, palette_color
 from pcsg.grammar.fields import GrammarBlob, field_names
 from pcsg.grammar.loops import lower_for, lower_repeat
 from pcsg.grammar.names import ModuleEntry, Names
+from pcsg.grammar.rows import read_rows
 from pcsg.grammar.syntax import Arguments, Solid
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.expr import Apply, Expr, Number, Parameter
@@ -25,6 +26,7 @@ from pcsg.graph.nodes import (
     combine,
 )
 from pcsg.graph.nodes import leaf_node as make_leaf
+from pcsg.graph.scattering import scatter_node
 from pcsg.graph.transforms import TRANSFORMS
 from pcsg.leaf import LEAF_NAMES
 
@@ -139,6 +141,11 @@ class _Lowering:
             if isinstance(prefix, syntax.For):
                 if len(prefix.arguments.values) in FOR_ARGUMENTS:
                     node = lower_for(prefix, self._name_loop("FOR"), node)
+            elif isinstance(prefix, syntax.Scatter):
+                table, _ = read_rows(prefix, self.names)
+                if table is not None:
+                    name = self._name_loop("SCATTER")
+                    node = scatter_node(table, node, name, prefix.span)
             elif isinstance(prefix, syntax.Repeat):
                 apply = partial(self._apply, prefix.prefixes)
                 node = lower_repeat(prefix, self._name_loop("REPEAT"), node, apply)
@@ -231,7 +238,7 @@ def _begins_with_loop(solid: Solid) -> bool:
     while isinstance(solid, syntax.Combination):
         solid = solid.operands[0]
     return isinstance(solid, syntax.Prefixed) and isinstance(
-        solid.prefixes[0], (syntax.For, syntax.Repeat)
+        solid.prefixes[0], (syntax.For, syntax.Repeat, syntax.Scatter)
     )
 
 

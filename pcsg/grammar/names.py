@@ -12,6 +12,7 @@ from pcsg.errors import Diagnostic, SourceSpan, UsageError, suggest
 from pcsg.grammar import syntax
 from pcsg.grammar.reach import Reach
 from pcsg.grammar.syntax import Name, Rule, Solid
+from pcsg.graph.columns import Table
 from pcsg.leaf import LEAF_NAMES
 from pcsg.leaf.registry import Constant
 
@@ -60,6 +61,8 @@ class Names:
         Where the files that they name may lie.
     constants
         What texts among arguments stand for, by primitive, folder and text; or why they do not.
+    tables
+        Those that a `scatter` names, by folder, text and words; or what is wrong with them.
     suggestions
         How many unknown names were compared with all that there are.
     """
@@ -72,6 +75,7 @@ class Names:
     settings: list[syntax.SettingItem] = field(default_factory=list)
     broken: list[syntax.Broken] = field(default_factory=list)
     constants: dict[tuple[str, str, str], Constant | UsageError] = field(default_factory=dict)
+    tables: dict[tuple[object, ...], Table | UsageError] = field(default_factory=dict)
 
     suggestions: int = 0
 

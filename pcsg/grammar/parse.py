@@ -265,6 +265,16 @@ class _Builder(Transformer[Any, Any]):
         word, _, count, _, prefixes, end = c
         return syntax.Repeat(count, tuple(prefixes), span_of(word, end))
 
+    def scatter(self, c: Items) -> syntax.Scatter:
+        words = tuple(c[4]) if len(c) > 4 else ()
+        return syntax.Scatter(_text(c[2]), words, span_of(c[0], c[-1]))
+
+    def words_begin(self, c: Items) -> list[tuple[Name, syntax.Text]]:
+        return [(_name(c[0]), _text(c[2]))]
+
+    def words_append(self, c: Items) -> list[tuple[Name, syntax.Text]]:
+        return [*c[0], (_name(c[2]), _text(c[4]))]
+
     def empty_block(self, c: Items) -> syntax.Block:
         return syntax.Block((), span_of(c[0], c[1]))
 
@@ -292,7 +302,7 @@ class _Builder(Transformer[Any, Any]):
         word, opening, texts = c[:3]
         numbers = self.arguments([opening, c[4], c[-1]])[0] if len(c) > 4 else Arguments()
         span = span_of(word, c[-1])
-        quoted = tuple(syntax.Text(t.text[1:-1], t.span) for t in texts)
+        quoted = tuple(map(_text, texts))
         return syntax.Primitive(word.text, numbers, span, quoted)
 
     # Fields.
@@ -371,3 +381,7 @@ class _Builder(Transformer[Any, Any]):
 
 def _name(token: Token) -> Name:
     return Name(token.text, token.span)
+
+
+def _text(token: Token) -> syntax.Text:
+    return syntax.Text(token.text[1:-1], token.span)

@@ -95,7 +95,16 @@ class Repeat:
     span: SourceSpan
 
 
-Prefix = Block | Unary | For | Repeat
+@dataclass(frozen=True, slots=True, eq=False)
+class Scatter:
+    """A copy for each row of a table, whose file stands in quotes."""
+
+    file: Text
+    words: tuple[tuple[Name, Text], ...]
+    span: SourceSpan
+
+
+Prefix = Block | Unary | For | Repeat | Scatter
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -201,7 +201,7 @@ MAX_TOKENS = 1_700_000
 
 Reading them takes up to ten seconds, and less than a gigabyte."""
 
-LOOPS = {"for": "FOR", "repeat": "REPEAT"}
+LOOPS = {"for": "FOR", "repeat": "REPEAT", "scatter": "SCATTER"}
 """Names that stand for a loop where a solid may, before `(`, and their types there."""
 
 WORD_TYPES = frozenset({"NAME", *LOOPS.values(), *(kind for kind, _ in words().values())})

@@ -66,7 +66,7 @@ def _applied(e: Apply, args: list[Linear], inputs: Inputs) -> Linear:
     if FUNCTIONS[e.function].form is Form.WORLD:
         return Linear({}, ALL)
     names = {f"a{k}": range_of(a, inputs) for k, a in enumerate(args)}
-    call = Apply(e.function, tuple(Parameter(name) for name in names), e.seeds)
+    call = e.with_args(tuple(Parameter(name) for name in names))
     return Linear({}, evaluate(call, names))
 
 

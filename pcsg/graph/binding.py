@@ -375,7 +375,7 @@ def _substitute(expr: Expr, exprs: Mapping[str, Expr]) -> Expr:
             at = len(stack) - len(e.args)
             args = tuple(stack[at:])
             del stack[at:]
-            stack.append(_folded(Apply(e.function, args, e.seeds, e.span)))
+            stack.append(_folded(e.with_args(args)))
         else:
             stack.append(e)
     return stack[0]

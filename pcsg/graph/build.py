@@ -23,6 +23,7 @@ from pcsg.graph.nodes import (
     as_node,
     leaf_node,
 )
+from pcsg.graph.scattering import scatter
 from pcsg.graph.transforms import TRANSFORMS, Transform
 from pcsg.leaf import LEAF_NAMES, Solid
 
@@ -126,5 +127,6 @@ CONSTRUCTORS: dict[str, object] = {
     **{name: partial(_transformation, t) for name, t in TRANSFORMS.items()},
     **{name: partial(_attribute, kind) for name, kind in ATTRIBUTES.items()},
     **{name: LeafConstructor(solid) for name, solid in LEAF_NAMES.items()},
+    "scatter": scatter,
 }
 """Everything that builds a node, by its name in the language."""

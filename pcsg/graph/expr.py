@@ -122,6 +122,15 @@ class Apply(Expr):
     seeds: int = 0
     span: SourceSpan | None = field(default=None, repr=False)
 
+    def with_args(self, args: tuple[Expr, ...]) -> Apply:
+        """Return the same application to other arguments."""
+        return Apply(self.function, args, self.seeds, self.span)
+
+    @property
+    def head(self) -> tuple[object, ...]:
+        """A value that is equal for, and only for, applications of the same to arguments."""
+        return self.function, self.seeds
+
 
 def _operand(value: object) -> Expr | Number_:
     if isinstance(value, (Expr, float, int)):
@@ -262,7 +271,7 @@ def signature(expr: Expr) -> tuple[object, ...]:
         elif isinstance(e, Apply) and e.function == "neg" and isinstance(out[-1], float):
             out[-1] = -out[-1]
         elif isinstance(e, Apply):
-            out.append((e.function, len(e.args), e.seeds))
+            out.append((len(e.args), *e.head))
     return tuple(("n", e.hex()) if isinstance(e, float) else e for e in out)
 
 

@@ -29,6 +29,7 @@ class Form(Enum):
     RANDOM = "random"
     WORLD = "world"
     LAZY = "lazy"
+    COLUMN = "column"
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,8 @@ class Function:
         As written; operators are registered under their symbol (``+``, unary minus as ``neg``).
     form
         How the kernel is called: UNARY (a), BINARY (a, b), TERNARY (a, b, c),
-        RANDOM (stack, at, count, seeds), WORLD (world_from_local, point); LAZY has no kernel.
+        RANDOM (stack, at, count, seeds), WORLD (world_from_local, point); LAZY and COLUMN have no
+        kernel.
     arity
         Least and largest number of arguments; None for any number. A BINARY function with more
         than two arguments is folded from the left.
@@ -80,6 +82,11 @@ def _register(
 def _register_lazy(name: str, arity: tuple[int, int], summary: str) -> None:
     FUNCTIONS[name] = Function(name, Form.LAZY, arity, None, summary)
 
+
+# What reads a table: see `pcsg.graph.columns`. Text has no word for it.
+
+COLUMN = "@column"
+FUNCTIONS[COLUMN] = Function(COLUMN, Form.COLUMN, (1, 1), None, "")
 
 # Operators.
 

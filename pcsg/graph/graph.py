@@ -211,7 +211,13 @@ def content(node: Node) -> tuple[object, ...]:
     exprs = tuple(signature(e) for e in expressions(node))
     if isinstance(node, Selection):
         form = node.attributed
-        return ("S", node.name, exprs, tuple(sorted(node.rules)), form and form.formals)
+        return (
+            "S",
+            "" if node.hidden else node.name,
+            exprs,
+            tuple(sorted(node.rules)),
+            form and form.formals,
+        )
     if isinstance(node, Calculation):
         return ("C", tuple(name for name, _ in node.assignments), exprs, node.call)
     if isinstance(node, Transformation):

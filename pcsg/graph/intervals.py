@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from pcsg.graph.columns import Lookup
 from pcsg.graph.expr import Apply, Expr, Number, Parameter, operands, postorder
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.graph import FRAME_SLOTS
@@ -347,6 +348,8 @@ def evaluate(expr: Expr, values: Mapping[str, Interval]) -> Interval:
 
 def _apply(e: Apply, args: list[Interval], values: Mapping[str, Interval]) -> Interval:
     function = FUNCTIONS[e.function]
+    if isinstance(e, Lookup):
+        return _in_column(e, args[0])
     if function.form is Form.WORLD:
         return _world(e.function, args, values)
     if function.form is not Form.LAZY and all(map(is_point, args)):
@@ -360,6 +363,16 @@ def _apply(e: Apply, args: list[Interval], values: Mapping[str, Interval]) -> In
             folded = extension(folded, a)
         return folded
     return extension(*args)
+
+
+def _in_column(e: Lookup, row: Interval) -> Interval:
+    """Return what the rows of a column may say; anything where one is a fault."""
+    assert e.column is not None
+    if not (row[0] >= 1.0 and row[1] <= len(e.column)):
+        return ALL
+    if is_point(row):
+        return e.column.at(row[0]), e.column.at(row[0])
+    return e.column.range
 
 
 def _at_points(e: Apply, args: list[float]) -> Interval:

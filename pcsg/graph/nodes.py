@@ -107,12 +107,15 @@ class Selection(Node):
         Right-hand sides by their numbers, from 1.
     attributed
         Set if the module is written in the attributed form.
+    hidden
+        Whether text has another form for it, so that its name is nobody's.
     """
 
     name: str
     select: Expr | None = None
     rules: dict[int, Node] = field(default_factory=dict, repr=False)
     attributed: AttributedForm | None = None
+    hidden: bool = False
 
     def rule(self, number: int, solid: Combinable) -> Selection:
         """Set the right-hand side of a rule and return the module."""

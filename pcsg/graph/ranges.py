@@ -125,7 +125,7 @@ def random_parameters(graph: Graph) -> set[str]:
     return drawn
 
 
-_DRAWN = (Form.RANDOM, Form.WORLD)
+_DRAWN = (Form.RANDOM, Form.WORLD, Form.COLUMN)
 
 
 class Ranges:

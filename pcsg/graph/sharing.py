@@ -38,7 +38,7 @@ def substitute(expr: Expr, values: Mapping[str, Expr]) -> Expr:
             at = len(stack) - len(e.args)
             args = tuple(stack[at:])
             del stack[at:]
-            stack.append(Apply(e.function, args, e.seeds, e.span))
+            stack.append(e.with_args(args))
         else:
             stack.append(e)
     return stack[0]
@@ -102,7 +102,7 @@ class _Terms:
                 key = ("parameter", e.name)
             else:
                 assert isinstance(e, Apply)
-                key = (e.function, e.seeds, below)
+                key = (*e.head, below)
             if key not in self.numbers:
                 self.numbers[key] = len(self.terms)
                 self.terms.append(e)
@@ -148,7 +148,7 @@ class _Terms:
                 made[k] = known[k]
             elif isinstance(e, Apply):
                 args = tuple(made[j] for j in self.arguments[k])
-                made[k] = Apply(e.function, args, e.seeds, e.span)
+                made[k] = e.with_args(args)
             else:
                 made[k] = e
         return made[root]

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.errors import SourceSpan
+from pcsg.graph.columns import Column, Lookup
 from pcsg.graph.expr import Apply, Expr, Number, Parameter, operands
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.jit import build_ladder, njit, plain
@@ -24,8 +25,15 @@ from pcsg.vec import Affine, Vec3, load_affine
 
 # Operation codes. An instruction is three int32: code, a, b.
 END, CONSTANT, LOAD, STORE, JUMP, JUMP_IF_ZERO, TRUTH = range(7)
-_FORM_CODE = {Form.UNARY: 7, Form.BINARY: 8, Form.TERNARY: 9, Form.RANDOM: 10, Form.WORLD: 11}
-UNARY, BINARY, TERNARY, RANDOM, WORLD = _FORM_CODE.values()
+_FORM_CODE = {
+    Form.UNARY: 7,
+    Form.BINARY: 8,
+    Form.TERNARY: 9,
+    Form.RANDOM: 10,
+    Form.WORLD: 11,
+    Form.COLUMN: 12,
+}
+UNARY, BINARY, TERNARY, RANDOM, WORLD, COLUMN = _FORM_CODE.values()
 
 # What went wrong.
 OK, NOT_FINITE, UNASSIGNED = range(3)
@@ -121,6 +129,10 @@ def run(
                 count, seeds = b & 0xFFFF, b >> 16
                 n -= count - 1
                 x = _random(a, stack, n - 1, count, seeds)
+            elif op == COLUMN:
+                # Rows count from 1; columns stand behind the constants.
+                row = stack[n - 1]
+                x = constants[a + int(row) - 1] if row >= 1.0 and row <= b else np.nan
             else:
                 n -= 2
                 point = Vec3(stack[n - 1], stack[n], stack[n + 1])
@@ -156,6 +168,8 @@ class Program:
     _code: list[tuple[int, int, int]] = field(default_factory=list)
     _constants: list[float] = field(default_factory=list)
     _constant_index: dict[float | str, int] = field(default_factory=dict)
+    _columns: list[Column] = field(default_factory=list)
+    _column_index: dict[tuple[str, str], int] = field(default_factory=dict)
     exprs: list[Expr | None] = field(default_factory=list)
     stack_size: int = 1
 
@@ -193,8 +207,16 @@ class Program:
 
     def arrays(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """Return the code (flat, three int32 an instruction) and the constants for `run`."""
-        code = np.array(self._code or [(END, 0, 0)], dtype=np.int32).ravel()
-        return code, np.array(self._constants or [0.0])
+        code = np.array(self._code or [(END, 0, 0)], dtype=np.int32)
+        columns = self._columns
+        # Code names a column by its number; behind the constants it begins somewhere.
+        begins = np.cumsum([len(self._constants), *map(len, columns)])
+        reads = code[:, 0] == COLUMN
+        code[reads, 1] = begins[code[reads, 1]]
+        constants = np.array(self._constants or [0.0])
+        if columns:
+            constants = np.concatenate([self._constants, *(column.values for column in columns)])
+        return code.ravel(), constants
 
     def span(self, instruction: int) -> SourceSpan | None:
         """Return the place in the text that an instruction comes from."""
@@ -283,6 +305,13 @@ class Program:
     def _finish(self, expr: Apply, depth: int) -> int:
         form = FUNCTIONS[expr.function].form
         count = len(expr.args)
+        if isinstance(expr, Lookup):
+            assert expr.column is not None
+            number = self._column_index.setdefault(expr.column.key, len(self._columns))
+            if number == len(self._columns):
+                self._columns.append(expr.column)
+            self._emit(COLUMN, number, len(expr.column), expr)
+            return depth
         detail = count | expr.seeds << 16 if form is Form.RANDOM else 0
         self._emit(_FORM_CODE[form], _NUMBER_OF[expr.function], detail, expr)
         return depth - count + 1
@@ -345,6 +374,8 @@ class Program:
 
     def _apply(self, op: int, a: int, b: int, stack: list[float], params: list[float]) -> float:
         """Pop the arguments of a function and return its value; it may raise where it has none."""
+        if op == COLUMN:
+            return self._columns[a].at(stack.pop())
         kernel = _twins(op)[a]
         if op == BINARY:
             right = stack.pop()

@@ -23,6 +23,7 @@ from pcsg.graph.nodes import (
 )
 from pcsg.graph.operators import Operator
 from pcsg.graph.pretty import Mark, Token, format_tokens
+from pcsg.graph.scattering import Scatter, written_below, written_nodes
 from pcsg.graph.settings import Setting, ValueKind
 from pcsg.graph.transforms import TRANSFORMS
 from pcsg.graph.words import WORD, is_name
@@ -70,6 +71,8 @@ def node_text(node: Node) -> str:
     """
     if isinstance(node, Selection):
         return node.name
+    if isinstance(node, Scatter):
+        return node.head
     if isinstance(node, Calculation):
         if node.call and isinstance(node.successor, Selection):
             return f"{node.successor.name}({', '.join(expr_text(e) for _, e in node.assignments)})"
@@ -155,8 +158,9 @@ class _Writer:
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
         self._reserved = reserved_names()
+        self._nodes = written_nodes(graph)
         self._names: dict[Node, str] = {}
-        braced = [_braced(node) for node in graph.nodes if isinstance(node, Leaf)]
+        braced = [_braced(node) for node in self._nodes if isinstance(node, Leaf)]
         self._braced = [text for text in braced if text is not None]
 
     def write(self) -> str:
@@ -164,8 +168,9 @@ class _Writer:
         self._check_names()
         self._name_definitions()
         self._check_definitions()
+        modules = [node for node in self._nodes if isinstance(node, Selection)]
         items = [self._item(self._axiom_head(), graph.root)]
-        items += ["\n".join(self._module(module)) for module in graph.selections]
+        items += ["\n".join(self._module(module)) for module in modules]
         items += dict.fromkeys(t for text in self._braced for t in text.modules.values())
         definitions = [
             self._item(f"{name} = ", node, body=True) for node, name in self._names.items()
@@ -177,9 +182,9 @@ class _Writer:
         return "\n\n".join(items) + "\n"
 
     def _check_names(self) -> None:
-        leaves = (node.solid for node in self._graph.nodes if isinstance(node, Leaf))
+        leaves = (node.solid for node in self._nodes if isinstance(node, Leaf))
         seen = {solid.name: "primitive" for solid in leaves if solid.soft}
-        for node in self._graph.nodes:
+        for node in self._nodes:
             if isinstance(node, Selection):
                 self._claim(node.name, "module", seen)
             elif node.definition is not None:
@@ -189,7 +194,7 @@ class _Writer:
             for name, text in (*braced.modules.items(), *braced.definitions.items()):
                 if texts.setdefault(name, text) != text or name in seen:
                     raise UsageError(f"two things are called `{name}`, one of them in a blob")
-        for node in self._graph.nodes:
+        for node in self._nodes:
             for name in (*_parameters_written(node), *parameters_of(*expressions(node))):
                 self._check_name(name, "parameter")
             if isinstance(node, Attribute) and node.reference is not None:
@@ -218,11 +223,11 @@ class _Writer:
 
     def _name_definitions(self) -> None:
         """Find the nodes that need a name, and give them one."""
-        nodes = self._graph.nodes
+        nodes = self._nodes
         places = dict.fromkeys(nodes, 0)
         places[self._graph.root] = 1
         for node in nodes:
-            for successor in node.successors:
+            for successor in written_below(node):
                 places[successor] += 1
         shared = {n for n in nodes if places[n] > 1 or n.definition is not None}
         # Read back without a name, such operands would be merged into their operation.
@@ -247,7 +252,7 @@ class _Writer:
         """Check that every cycle passes a module: expressions cannot contain themselves."""
         done: set[Node] = set()
         open_: dict[Node, None] = {}
-        for start in self._graph.nodes:
+        for start in self._nodes:
             stack: list[tuple[Node, int]] = [(start, 0)]
             while stack:
                 node, k = stack.pop()
@@ -259,8 +264,9 @@ class _Writer:
                         "only a module can be reached again from below"
                     )
                 open_[node] = None
-                if k < len(node.successors):
-                    stack += [(node, k + 1), (node.successors[k], 0)]
+                below = written_below(node)
+                if k < len(below):
+                    stack += [(node, k + 1), (below[k], 0)]
                 else:
                     del open_[node]
                     done.add(node)
@@ -326,10 +332,10 @@ class _Writer:
                 yield self._names[node]
             elif isinstance(node, Operation):
                 work.extend(reversed(self._operation(node, least)))
-            elif isinstance(node, Calculation):
+            elif isinstance(node, Calculation) and not isinstance(node, Scatter):
                 work.extend(reversed(self._calculation(node)))
-            elif isinstance(node, (Transformation, Attribute)):
-                work += [(node.successor, UNARY), Mark.FILL, node_text(node)]
+            elif isinstance(node, (Transformation, Attribute, Scatter)):
+                work += [(written_below(node)[0], UNARY), Mark.FILL, node_text(node)]
             elif isinstance(node, Leaf) and (braced := _braced(node)) is not None:
                 yield from (f"{node.solid.name} {{ ", *braced.tokens, " }")
             else:
