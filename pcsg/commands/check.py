@@ -8,6 +8,7 @@ from pathlib import Path
 
 import typer
 
+from pcsg.collector import kept_for_good
 from pcsg.commands.files import check_there
 from pcsg.commands.guard import show
 from pcsg.errors import GrammarError
@@ -20,7 +21,8 @@ def run(file: Path, include: Sequence[Path], as_json: bool) -> None:
     from pcsg.graph.evaluate import axiom_values, check_settings
     from pcsg.graph.graph import GLOBALS
 
-    graph, diagnostics = check_file(file, include=include)
+    with kept_for_good():
+        graph, diagnostics = check_file(file, include=include)
     if graph is not None:
         # Parameters of the command line could mend these, so that files with them can be read.
         try:

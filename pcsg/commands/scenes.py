@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from pcsg.arguments import whole
+from pcsg.collector import kept_for_good
 from pcsg.commands.files import check_there
 from pcsg.commands.guard import say
 from pcsg.commands.options import parse_assignments, parse_memory, parse_number
@@ -39,7 +40,7 @@ def open_scene(
     blocks = parse_memory(block_memory, "--block-memory")
     from pcsg.scene import load
 
-    with show_preparation(file.name, quiet):
+    with show_preparation(file.name, quiet), kept_for_good():
         scene = load(
             file,
             include=include,
