@@ -266,7 +266,17 @@ class Path:
             paths.matt[on] | (density < MATT),
             np.maximum(paths.least[on], spread),
         )
-        return onward, start.rays
+        return onward.take(self._may_bring(onward)), start.rays
+
+    def _may_bring(self, paths: _Paths) -> Ints:
+        """Return which paths may bring light, by what can be told before they are traced."""
+        if self.follows_matt or self.stage.emitters is not None:
+            return np.arange(len(paths.row))
+        # They end at the next surface; beyond it there are the lights.
+        may = ~paths.matt
+        for source in self.stage.sources:
+            may |= ~np.isnan(source.seen(paths.origins, paths.directions).distance)
+        return np.flatnonzero(may)
 
     def _met_lights(self, paths: _Paths, t: Floats) -> Floats:
         """Return (N, 3) light of lights that scattered rays met."""
