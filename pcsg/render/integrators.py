@@ -75,25 +75,26 @@ HAZE = 12.0
 
 
 class Start(NamedTuple):
-    """Where rays that leave surfaces begin.
+    """Rays that leave surfaces.
 
     Attributes
     ----------
-    origins
-        (N, 3)
+    origins, directions
+        (M, 3) where they begin and go.
     closed
-        (N,) whether the ray ends at once.
+        (M,) whether the ray ends at once.
     rays
         How many rays it took to find out.
     """
 
     origins: Floats
+    directions: Floats
     closed: Bools
     rays: int
 
 
-def leave(tracer: Tracer, surface: Surface, scale: Floats, towards: Floats) -> Start:
-    """Return where rays begin that leave surfaces in unit directions (N, 3).
+def leave(tracer: Tracer, surface: Surface, rows: Ints, scale: Floats, towards: Floats) -> Start:
+    """Return the rays that leave some of N surfaces in unit directions (N, 3).
 
     They start off the surface, on the side they go to, by ten times the error of a position. A
     translucent leaf is one thin layer for light, also where it is modelled as a solid: a ray that
@@ -101,13 +102,17 @@ def leave(tracer: Tracer, surface: Surface, scale: Floats, towards: Floats) -> S
 
     Parameters
     ----------
+    rows
+        (M,) which of the surfaces.
     scale
         (N,) greatest coordinate or distance, to which errors are relative.
     """
     m = surface.matter
-    n = len(scale)
-    origins, layered, closed = np.empty((n, 3)), np.empty(n, dtype=bool), np.zeros(n, dtype=bool)
+    n = len(rows)
+    origins, directions = np.empty((2, n, 3))
+    layered, closed = np.empty(n, dtype=bool), np.zeros(n, dtype=bool)
     begin_rays(
+        rows,
         surface.position,
         m.facing,
         m.translucency,
@@ -116,29 +121,38 @@ def leave(tracer: Tracer, surface: Surface, scale: Floats, towards: Floats) -> S
         scale,
         towards,
         origins,
+        directions,
         layered,
     )
-    rows = np.flatnonzero(layered)
-    if len(rows):
-        through = tracer.intersect(origins[rows], towards[rows], 0.0, np.inf)
-        out = dots(through.normal, towards[rows])
-        closed[rows] = ~(out > 0) | (through.material != surface.number[rows])
-        away = OFFSET * scale[rows, None] * through.normal
-        origins[rows] = np.where(closed[rows, None], origins[rows], through.position + away)
-    return Start(origins, closed, len(rows))
+    within = np.flatnonzero(layered)
+    if len(within):
+        through = tracer.intersect(origins[within], directions[within], 0.0, np.inf)
+        out = dots(through.normal, directions[within])
+        closed[within] = ~(out > 0) | (through.material != surface.number[rows[within]])
+        away = OFFSET * scale[rows[within], None] * through.normal
+        origins[within] = np.where(closed[within, None], origins[within], through.position + away)
+    return Start(origins, directions, closed, len(within))
 
 
 def find_blocked(
-    tracer: Tracer, surface: Surface, scale: Floats, towards: Floats, distance: Floats
+    tracer: Tracer,
+    surface: Surface,
+    rows: Ints,
+    scale: Floats,
+    towards: Floats,
+    distance: Floats,
 ) -> tuple[Bools, int]:
-    """Return whether anything lies between surfaces and lights, and how many rays it took."""
-    if len(scale) == 0:
+    """Return whether anything lies between surfaces and lights, and how many rays it took.
+
+    Arguments as for `leave`, and (N,) how far the lights are; the answers are those of the rows.
+    """
+    if len(rows) == 0:
         return np.zeros(0, dtype=bool), 0
-    start = leave(tracer, surface, scale, towards)
-    t_max = np.empty(len(scale))
-    limit_rays(surface.position, start.origins, towards, distance, scale, t_max)
-    blocked = start.closed | tracer.occluded(start.origins, towards, 0.0, t_max)
-    return blocked, len(scale) + start.rays
+    start = leave(tracer, surface, rows, scale, towards)
+    t_max = np.empty(len(rows))
+    limit_rays(rows, surface.position, start.origins, start.directions, distance, scale, t_max)
+    blocked = start.closed | tracer.occluded(start.origins, start.directions, 0.0, t_max)
+    return blocked, len(rows) + start.rays
 
 
 class Shone(NamedTuple):
@@ -170,19 +184,27 @@ def ask_emitters(
     aim = emitters.aim(surface.position, pairs)
     reflected = surface.reflect(aim.direction)
     useful = np.flatnonzero((largest(reflected.light) > 0) & (aim.density > 0))
-    towards = aim.direction[useful]
-    start = leave(stage.tracer, surface.take(useful), scale[useful], towards)
-    met = stage.tracer.intersect(start.origins, towards, 0.0, np.inf)
+    start = leave(stage.tracer, surface, useful, scale, aim.direction)
+    met = stage.tracer.intersect(start.origins, start.directions, 0.0, np.inf)
     seen = np.isfinite(met.t) & ~start.closed
     emission = np.where(seen[:, None], stage.materials.emission(met.material), 0.0)
     light[useful] = reflected.light[useful] * emission / aim.density[useful, None]
     return Shone(light, aim.density, reflected.density, start.rays + len(useful))
 
 
-def hazed(stage: Stage, light: Floats, hits: Hits, at: Ints, behind: Floats) -> Floats:
-    """Let the ground plane fade into the horizon, where it would end in a hard line."""
+def hazed(stage: Stage, light: Floats, hits: Hits, at: Ints, backdrop: Floats) -> Floats:
+    """Let the ground plane fade into the horizon, where it would end in a hard line.
+
+    Parameters
+    ----------
+    light
+        (M, 3) of what rays `at` met.
+    backdrop
+        (N, 3) what all rays would see behind everything.
+    """
     if not stage.ground:
         return light
+    behind = backdrop[at]
     far = hits.t[at] / (HAZE * stage.extent)
     clear = np.where(hits.leaf[at] == GROUND, np.exp(-far * far), 1.0)[:, None]
     return np.asarray(behind + clear * (light - behind))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from pcsg.jit import njit
-from pcsg.render.tracer import Bools, Floats
+from pcsg.render.tracer import Bools, Floats, Ints
 
 OFFSET = 1e-8
 """Start of secondary rays off the surface, relative to position and distance."""
@@ -13,6 +13,7 @@ OFFSET = 1e-8
 
 @njit(entry=True)
 def begin_rays(
+    rows: Ints,
     position: Floats,
     facing: Floats,
     translucency: Floats,
@@ -21,41 +22,44 @@ def begin_rays(
     scale: Floats,
     towards: Floats,
     origins: Floats,
+    directions: Floats,
     layered: Bools,
 ) -> None:
-    """Write where rays begin that leave N surfaces, and which go through a translucent layer.
+    """Write rays that leave some of N surfaces, and which of them go through a translucent layer.
 
     Parameters
     ----------
+    rows
+        (M,) which surfaces rays leave.
     position, facing, translucency, transmission, sheet
         Of the surfaces, see `Surface` and `Matter`.
     scale
         (N,) what errors of positions are relative to.
     towards
         (N, 3) unit directions of the rays.
-    origins, layered
-        (N, 3) and (N,): written.
+    origins, directions, layered
+        (M, 3), (M, 3) and (M,): written.
     """
-    for i in range(len(scale)):
-        cosine = (
-            facing[i, 0] * towards[i, 0]
-            + facing[i, 1] * towards[i, 1]
-            + facing[i, 2] * towards[i, 2]
-        )
+    for k in range(len(rows)):
+        i = rows[k]
+        x, y, z = towards[i, 0], towards[i, 1], towards[i, 2]
+        cosine = facing[i, 0] * x + facing[i, 1] * y + facing[i, 2] * z
         step = OFFSET * scale[i]
         if cosine < 0.0:
             step = -step
-        for k in range(3):
-            origins[i, k] = position[i, k] + step * facing[i, k]
+        for axis in range(3):
+            origins[k, axis] = position[i, axis] + step * facing[i, axis]
+        directions[k, 0], directions[k, 1], directions[k, 2] = x, y, z
         opaque = translucency[i] <= 0.0 or transmission[i] >= 1.0
-        layered[i] = cosine < 0.0 and not opaque and not sheet[i]
+        layered[k] = cosine < 0.0 and not opaque and not sheet[i]
 
 
 @njit(entry=True)
 def limit_rays(
+    rows: Ints,
     position: Floats,
     origins: Floats,
-    towards: Floats,
+    directions: Floats,
     distance: Floats,
     scale: Floats,
     t_max: Floats,
@@ -64,15 +68,20 @@ def limit_rays(
 
     Parameters
     ----------
+    rows
+        (M,) which of N surfaces they leave.
+    origins, directions
+        (M, 3) of the rays.
     distance
         (N,) of the lights from the surfaces' positions; infinite for sun and sky.
     t_max
-        (N,): written.
+        (M,): written.
     """
-    for i in range(len(scale)):
-        t_max[i] = math.inf
+    for k in range(len(rows)):
+        i = rows[k]
+        t_max[k] = math.inf
         if distance[i] < math.inf:
             left = distance[i]
-            for k in range(3):
-                left += (position[i, k] - origins[i, k]) * towards[i, k]
-            t_max[i] = max(left - 2.0 * OFFSET * scale[i], 0.0)
+            for axis in range(3):
+                left += (position[i, axis] - origins[k, axis]) * directions[k, axis]
+            t_max[k] = max(left - 2.0 * OFFSET * scale[i], 0.0)

@@ -57,7 +57,18 @@ class Seen(NamedTuple):
 
 
 class Light(Protocol):
-    """A source that a shadow ray can reach."""
+    """A source that a shadow ray can reach.
+
+    Attributes
+    ----------
+    is_far
+        Whether what rays see of it does not depend on where they begin.
+    """
+
+    @property
+    def is_far(self) -> bool:
+        """See above."""
+        ...
 
     def sample(self, position: Floats, pairs: Floats) -> LightSample:
         """Choose a point of the light for each of (N, 3) positions by (N, 2) numbers."""
@@ -89,6 +100,8 @@ class Sun:
     direction: tuple[float, float, float]
     irradiance: tuple[float, float, float]
     angle: float
+
+    is_far = True
 
     @property
     def _cosine(self) -> float:
@@ -142,6 +155,11 @@ class Ball:
     position: tuple[float, float, float]
     intensity: tuple[float, float, float]
     radius: float
+
+    @property
+    def is_far(self) -> bool:
+        """Points are never seen, from nowhere."""
+        return not self.radius > 0
 
     def sample(self, position: Floats, pairs: Floats) -> LightSample:
         """See `Light`. Points of the part that is seen are drawn evenly by solid angle."""

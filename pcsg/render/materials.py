@@ -163,6 +163,11 @@ class Materials:
         # Leaves with negative numbers, such as the ground, are no sheets.
         self._sheets = np.append(sheets, [False, False])
 
+    @property
+    def shine(self) -> bool:
+        """Whether one of them does."""
+        return bool((self._columns["emission"] > 0.0).any())
+
     def emission(self, numbers: Ints) -> Floats:
         """Return (N, 3) light that surfaces of materials (N,) send out; -1 is the default."""
         return np.asarray(self._columns["emission"][numbers])

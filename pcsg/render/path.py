@@ -112,52 +112,51 @@ class Path:
         stage = self.stage
         n, lights = len(origins), self._count
         first = stage.tracer.intersect(origins, directions, 0.0, np.inf)
-        backdrop = stage.sky.backdrop(directions)
+        rgb = stage.sky.backdrop(directions)
         if stage.sun_is_seen and stage.lights:
-            backdrop = backdrop + stage.lights[0].seen(origins, directions).radiance
-        seen = np.flatnonzero(np.isfinite(first.t))
-        rgb = np.zeros((n, 3))
+            rgb += stage.lights[0].seen(origins, directions).radiance
         albedo = np.zeros((n, 3))
         rays = n
+        at = seen = np.flatnonzero(np.isfinite(first.t))
+        count = len(seen)
+        found = np.zeros((count, 3))
         paths = _Paths(
-            np.arange(n),
-            origins,
-            directions,
-            np.ones((n, 3)),
-            np.full(n, np.inf),
-            np.ones((lights, n)),
-            np.zeros(n, dtype=bool),
-            np.zeros(n),
-        ).take(seen)
-        hits, at = first, seen
+            np.arange(count),
+            origins[seen],
+            directions[seen],
+            np.ones((count, 3)),
+            np.full(count, np.inf),
+            np.ones((lights, count)),
+            np.zeros(count, dtype=bool),
+            np.zeros(count),
+        )
+        hits, seen_samples = first, samples.take(seen)
         for depth in range(stage.bounces):
             if len(at) == 0:
                 break
             surface = stage.materials.gather(hits, at, paths.directions, stage.tracer)
             if depth == 0:
                 albedo[seen] = surface.matter.color
-            rgb[paths.row] += paths.share * self._met_shine(paths, surface.emission)
-            going = np.arange(len(at))
-            if not self.follows_matt:
+            if stage.materials.shine:
+                found[paths.row] += paths.share * self._met_shine(paths, surface.emission)
+            if not self.follows_matt and depth > 0:
                 going = np.flatnonzero(~paths.matt)
-            paths, surface = paths.take(going), surface.take(going)
+                paths, surface, at = paths.take(going), surface.take(going), at[going]
             surface = surface.roughened(paths.least)
-            scale = np.maximum(largest(np.abs(surface.position)), hits.t[at[going]])
-            here = samples.take(paths.row)
+            scale = np.maximum(largest(np.abs(surface.position)), hits.t[at])
+            here = seen_samples.take(paths.row) if depth > 0 else seen_samples
             chances = self._chances(surface.position, depth)
             light, more = self._ask_lights(surface, scale, here, chances, depth)
-            rgb[paths.row] += paths.share * light
+            found[paths.row] += paths.share * light
             paths, more_rays = self._scatter(paths, surface, scale, here, chances, depth)
             rays += more + more_rays + len(paths.row)
             if len(paths.row) == 0:
                 break
             hits = stage.tracer.intersect(paths.origins, paths.directions, 0.0, np.inf)
-            rgb[paths.row] += paths.share * self._met_lights(paths, hits.t)
+            found[paths.row] += paths.share * self._met_lights(paths, hits.t)
             at = np.flatnonzero(np.isfinite(hits.t))
             paths = paths.take(at)
-        missed = ~np.isfinite(first.t)
-        rgb[missed] = backdrop[missed]
-        rgb[seen] = hazed(stage, rgb[seen], first, seen, backdrop[seen])
+        rgb[seen] = hazed(stage, found, first, seen, rgb)
         return Light(rgb, albedo, first, rays)
 
     def _chances(self, position: Floats, depth: int) -> Floats:
@@ -205,11 +204,7 @@ class Path:
             light = reflected.light * sample.irradiance * (weight / chance)[:, None]
             useful = np.flatnonzero(largest(light) > 0)
             blocked, more = find_blocked(
-                stage.tracer,
-                some.take(useful),
-                scale[rows[useful]],
-                sample.direction[useful],
-                sample.distance[useful],
+                stage.tracer, some, useful, scale[rows], sample.direction, sample.distance
             )
             lit = useful[~blocked]
             total[rows[lit]] += light[lit]
@@ -241,7 +236,7 @@ class Path:
             self.sampler.pairs(*samples, purpose + Purpose.DIRECTION),
             self.sampler.pairs(*samples, purpose + Purpose.LOBE),
         )
-        on = np.flatnonzero(found.density > 0)
+        on = self._may_bring(found, np.flatnonzero(found.density > 0), paths.matt)
         share = paths.share[on] * found.light[on] / found.density[on, None]
         if depth >= ROULETTE:
             luck = self.sampler.pairs(*samples.take(on), purpose + Purpose.CHOICE)[:, 1]
@@ -250,7 +245,7 @@ class Path:
             on, share = on[lucky], share[lucky] / stay[lucky, None]
         bright = np.flatnonzero(largest(share) > 0)
         on, share = on[bright], share[bright]
-        start = leave(self.stage.tracer, surface.take(on), scale[on], found.direction[on])
+        start = leave(self.stage.tracer, surface, on, scale, found.direction)
         free = np.flatnonzero(~start.closed)
         on = on[free]
         density = found.density[on]
@@ -259,24 +254,28 @@ class Path:
         onward = _Paths(
             paths.row[on],
             start.origins[free],
-            found.direction[on],
+            start.directions[free],
             share[free],
             density,
             chances[:, on],
             paths.matt[on] | (density < MATT),
             np.maximum(paths.least[on], spread),
         )
-        return onward.take(self._may_bring(onward)), start.rays
+        return onward, start.rays
 
-    def _may_bring(self, paths: _Paths) -> Ints:
-        """Return which paths may bring light, by what can be told before they are traced."""
-        if self.follows_matt or self.stage.emitters is not None:
-            return np.arange(len(paths.row))
-        # They end at the next surface; beyond it there are the lights.
-        may = ~paths.matt
-        for source in self.stage.sources:
-            may |= ~np.isnan(source.seen(paths.origins, paths.directions).distance)
-        return np.flatnonzero(may)
+    def _may_bring(self, found: Scattered, on: Ints, matt: Bools) -> Ints:
+        """Return which scattered directions may bring light, as far as they themselves tell it."""
+        stage = self.stage
+        if self.follows_matt or stage.materials.shine:
+            return on
+        if not all(source.is_far for source in stage.sources):
+            return on
+        # A ray from a matt surface ends at the next one; it finds only what shines beyond all.
+        may = ~(matt[on] | (found.density[on] < MATT))
+        directions = found.direction[on]
+        for source in stage.sources:
+            may |= ~np.isnan(source.seen(directions, directions).distance)
+        return on[may]
 
     def _met_lights(self, paths: _Paths, t: Floats) -> Floats:
         """Return (N, 3) light of lights that scattered rays met."""

@@ -56,11 +56,7 @@ class Preview:
             share = surface.reflect(sample.direction).light * sample.irradiance
             useful = np.flatnonzero(largest(share) > 0)
             blocked, more = find_blocked(
-                stage.tracer,
-                surface.take(useful),
-                scale[useful],
-                sample.direction[useful],
-                sample.distance[useful],
+                stage.tracer, surface, useful, scale, sample.direction, sample.distance
             )
             rays += more
             lit = useful[~blocked]
@@ -73,7 +69,7 @@ class Preview:
         sky, sky_rays = self._sky_light(surface, scale, here)
         light += sky
         rays += sky_rays
-        rgb[at] = hazed(stage, light, hits, at, rgb[at])
+        rgb[at] = hazed(stage, light, hits, at, rgb)
         return Light(rgb, albedo, hits, rays)
 
     def _sky_light(self, surface: Surface, scale: Floats, samples: Samples) -> tuple[Floats, int]:
@@ -105,7 +101,7 @@ class Preview:
         n = len(scale)
         limit = np.full(n, self.reach * self.stage.extent)
         first = bool((samples.number == 0).all())
-        clear = np.zeros(n)
+        every, clear = np.arange(n), np.zeros(n)
         count = self.first_rays if first else 1
         rays = 0
         for k in range(count):
@@ -114,7 +110,7 @@ class Preview:
             pairs = self.sampler.pairs(samples.x, samples.y, number, purpose)
             towards = cosine_hemisphere(pairs, surface.matter.facing)
             # The ground does not block: what comes from it is the lower half of the sky.
-            blocked, more = find_blocked(self.stage.things, surface, scale, towards, limit)
+            blocked, more = find_blocked(self.stage.things, surface, every, scale, towards, limit)
             clear += ~blocked
             rays += more
         return (clear / count)[:, None], rays

@@ -33,6 +33,7 @@ class Sky:
     """
 
     rows, columns = 64, 128
+    is_far = True
 
     def radiance(self, directions: Floats) -> Floats:
         """Return (N, 3) radiance that comes from (N, 3) unit directions."""

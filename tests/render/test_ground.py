@@ -44,16 +44,20 @@ def test_rays_leave_on_the_side_they_go_to() -> None:
     position = np.zeros((n, 3))
     facing = np.tile([0.0, 0.0, 1.0], (n, 1))
     towards = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [0.0, 0.0, -1.0]])
-    origins, layered = np.empty((n, 3)), np.empty(n, dtype=bool)
+    origins, directions, layered = np.empty((n, 3)), np.empty((n, 3)), np.empty(n, dtype=bool)
     translucency = np.array([0.5, 0.5, 0.5, 0.0])
     sheet = np.array([False, False, True, False])
     scale = np.full(n, 10.0)
-    begin_rays(position, facing, translucency, np.zeros(n), sheet, scale, towards, origins, layered)
-    np.testing.assert_allclose(origins[:, 2], [1e-7, -1e-7, -1e-7, -1e-7])
-    np.testing.assert_array_equal(layered, [False, True, False, False])
+    rows = np.array([3, 0, 1, 2])
+    matter = facing, translucency, np.zeros(n), sheet
+    begin_rays(rows, position, *matter, scale, towards, origins, directions, layered)
+    np.testing.assert_array_equal(directions, towards[rows])
+    np.testing.assert_allclose(origins[:, 2], [-1e-7, 1e-7, -1e-7, -1e-7])
+    np.testing.assert_array_equal(layered, [False, False, True, False])
     t_max = np.empty(n)
     distance = np.array([2.0, np.inf, 1e-9, 3.0])
-    limit_rays(position, origins, towards, distance, scale, t_max)
+    limit_rays(rows, position, origins, directions, distance, scale, t_max)
+    t_max = t_max[[1, 2, 3, 0]]
     assert t_max[1] == np.inf
     assert t_max[2] == 0.0
     np.testing.assert_allclose(t_max[[0, 3]], [2.0, 3.0], atol=1e-6)

@@ -200,3 +200,19 @@ def test_no_white_points_where_a_mirror_gathers_the_sun():
     )
     lonely = (rgb > 3 * around.max(axis=0)) & (rgb > 1.5)
     assert not lonely[1:-1, 1:-1].any()
+
+
+def test_direct_light_leaves_out_scattered_rays_that_find_nothing(monkeypatch):
+    scene = Spheres(light=[{"position": (3.0, -3.0, 4.0), "color": (1.0,) * 3, "strength": 20.0}])
+    scene.settings["light"][0]["radius"] = 0.0
+    pictures, rays = [], []
+    for _ in range(2):
+        made = job(scene, samples=4, sky={"strength": 0.0}, film={"mode": "direct"})
+        made.run()
+        pictures.append(made.image().rgb)
+        rays.append(made.progress.rays)
+        # As if the point could be met by rays, which have to be traced then.
+        monkeypatch.setattr("pcsg.render.lights.Ball.is_far", False)
+    np.testing.assert_array_equal(pictures[0], pictures[1])
+    assert pictures[0].max() > 0.1
+    assert rays[0] < 0.9 * rays[1]
