@@ -66,7 +66,9 @@ class Camera:
         tangent = math.tan(math.radians(self.fov) / 2)
         across = (2.0 * x - width) / height * tangent
         upward = (height - 2.0 * y) / height * tangent
-        directions = forward + across[:, None] * right + upward[:, None] * up
+        directions = np.empty((len(across), 3))
+        for k in range(3):  # arrays of three columns are slow in NumPy
+            directions[:, k] = forward[k] + across * right[k] + upward * up[k]
         origins = np.broadcast_to(np.asarray(self.eye, dtype=float), directions.shape).copy()
         if self.aperture > 0 and lens is not None:
             focus = self.focus or math.dist(self.eye, self.target)
@@ -76,7 +78,9 @@ class Camera:
             shift += (radius * np.sin(angle))[:, None] * up
             origins += shift
             directions = directions * focus - shift
-        directions /= np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
+        length = np.sqrt(np.einsum("ij,ij->i", directions, directions))
+        for k in range(3):
+            directions[:, k] /= length
         return origins, directions
 
 

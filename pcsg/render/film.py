@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from pcsg.render import cascade
 from pcsg.render.cascade import Cascade
+from pcsg.render.exposure import BRIGHTEST, Layers, add_samples, keep_first
 from pcsg.render.tracer import GROUND, Bools, Floats, Ints
 from pcsg.render.view import View
 from pcsg.trace.hits import Hits
 
 BYTES_PER_PIXEL = 120 + cascade.BYTES_PER_PIXEL
 """Memory of a film with its picture, an upper estimate."""
-
-BRIGHTEST = 1e30
-"""Brightest light that is kept: the sum of a pixel's samples fits into single precision."""
 
 WHITE = 2.0
 """Brightness that single samples may have, over what is shown as white."""
@@ -45,6 +43,8 @@ class Film:
         How light is shown: what looks alike needs no more samples.
     rare
         Whether there may be bright samples that are too rare to be shown: see `Cascade`.
+    judged
+        Whether somebody will ask which pixels are unfinished.
 
     Attributes
     ----------
@@ -53,12 +53,15 @@ class Film:
     count
         (H, W) int32 number of samples.
     tone, tone2
-        (H, W) float32 sums of samples' brightness as displayed, and of its square.
+        (H, W) float32 sums of samples' brightness as displayed, and of its square; zero where
+        nobody judges by it.
     depth, normal, albedo, label, leaf
         (H, W[, 3]) of the first sample, at the pixel's centre.
     """
 
-    def __init__(self, size: tuple[int, int], view: View, rare: bool = False) -> None:
+    def __init__(
+        self, size: tuple[int, int], view: View, rare: bool = False, judged: bool = True
+    ) -> None:
         width, height = size
         self.size = size
         self.view = view
@@ -72,29 +75,41 @@ class Film:
         self.albedo = np.zeros((*shape, 3), dtype=np.float32)
         self.label = np.full(shape, -1, dtype=np.int64)
         self.leaf = np.full(shape, -1, dtype=np.int32)
+        self._judged = judged
         self._cascade = Cascade(size, WHITE * 2.0**-view.exposure) if rare else None
 
     def add(self, pixels: Ints, rgb: Floats) -> None:
         """Add samples (P, K, 3) to P different pixels, given by their positions in the picture."""
-        rgb = _bounded(rgb)
-        shown = self.view.encode(rgb)
-        tone = shown.mean(axis=2)
-        self.total.reshape(-1, 3)[pixels] += rgb.sum(axis=1).astype(np.float32)
-        self.tone.reshape(-1)[pixels] += tone.sum(axis=1).astype(np.float32)
-        self.tone2.reshape(-1)[pixels] += (tone * tone).sum(axis=1).astype(np.float32)
-        self.count.reshape(-1)[pixels] += rgb.shape[1]
+        add_samples(pixels, rgb, self.total.reshape(-1, 3), self.count.reshape(-1))
+        if self._judged:
+            tone = self.view.encode(rgb).mean(axis=2)
+            self.tone.reshape(-1)[pixels] += tone.sum(axis=1).astype(np.float32)
+            self.tone2.reshape(-1)[pixels] += (tone * tone).sum(axis=1).astype(np.float32)
         if self._cascade is not None:
-            self._cascade.add(pixels, rgb)
+            self._cascade.add(pixels, np.clip(rgb, -BRIGHTEST, BRIGHTEST))
 
     def set_first(self, pixels: Ints, hits: Hits, albedo: Floats) -> None:
         """Keep what the rays through the centres of P pixels met, and its colours (P, 3)."""
-        self.albedo.reshape(-1, 3)[pixels] = _bounded(albedo).astype(np.float32)
-        with np.errstate(over="ignore"):  # what is too far away for single precision is nowhere
-            self.depth.reshape(-1)[pixels] = hits.t.astype(np.float32)
-        self.normal.reshape(-1, 3)[pixels] = hits.normal.astype(np.float32)
-        self.normal.reshape(-1, 3)[pixels[~np.isfinite(hits.t)]] = 0.0
-        self.label.reshape(-1)[pixels] = hits.label
-        self.leaf.reshape(-1)[pixels] = hits.leaf
+        n = self.count.size
+        layers = Layers._make(layer.reshape(n, *layer.shape[2:]) for layer in self.layers)
+        keep_first(
+            pixels,
+            np.ascontiguousarray(hits.t),
+            np.ascontiguousarray(hits.normal),
+            np.ascontiguousarray(albedo),
+            np.ascontiguousarray(hits.label),
+            np.ascontiguousarray(hits.leaf),
+            layers,
+        )
+
+    @property
+    def layers(self) -> Layers:
+        """What the first samples met, (H, W[, 3]) each."""
+        return Layers(self.depth, self.normal, self.albedo, self.label, self.leaf)
+
+    def copied_layers(self) -> Layers:
+        """Return `layers` as they are now."""
+        return Layers._make(layer.copy() for layer in self.layers)
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
         """Return all that has been gathered, by name; writing to it changes the film."""
@@ -168,11 +183,6 @@ _NEIGHBOURS: tuple[tuple[Slices, Slices], ...] = (
     ((_LOW, _LOW), (_HIGH, _HIGH)),
     ((_LOW, _HIGH), (_HIGH, _LOW)),
 )
-
-
-def _bounded(light: Floats) -> Floats:
-    """Return light whose sums single precision can hold."""
-    return np.clip(light, -BRIGHTEST, BRIGHTEST)
 
 
 def _grown(mask: Bools) -> Bools:

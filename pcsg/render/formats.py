@@ -16,6 +16,9 @@ from pcsg.errors import EnvironmentFault, missing_extra
 BAND = 64
 """Rows of a picture that are worked on at a time, to save memory."""
 
+LEVEL = 3
+"""Of packing. 6 takes twice the time, to save nothing of an even picture and 4 % of a noisy one."""
+
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -35,7 +38,7 @@ def write_png(file: IO[bytes], pixels: NDArray[np.generic], texts: Mapping[str, 
             _write_chunk(file, b"tEXt", keyword.encode() + b"\x00" + text.encode())
         else:
             _write_chunk(file, b"iTXt", keyword.encode() + b"\x00\x00\x00\x00\x00" + text.encode())
-    _write_chunk(file, b"IDAT", zlib.compress(rows.tobytes(), 6))
+    _write_chunk(file, b"IDAT", zlib.compress(rows.tobytes(), LEVEL))
     _write_chunk(file, b"IEND", b"")
 
 

@@ -123,7 +123,8 @@ class Job:
         self.stage = build_stage(scene, options.size, options.overrides, options.detail)
         first, last = options.film_rows
         rare = self.stage.mode == "path"
-        self.film = Film((options.size[0], last - first), self.stage.view, rare)
+        size = options.size[0], last - first
+        self.film = Film(size, self.stage.view, rare, judged=len(options.levels) > 1)
         self.progress = Progress(passes=len(options.levels))
         self.sampler = Sampler(options.size, options.samples, options.seed)
         self.integrator: Integrator = MODES[self.stage.mode](self.stage, self.sampler)
@@ -134,6 +135,7 @@ class Job:
         self._stop = Event()
         self._taken = 0
         self._pass: Pass | None = None
+        self._ended = False
 
     def run(
         self,
@@ -173,6 +175,7 @@ class Job:
                     self._expect(number, self._pass)
                     self._run_pass(pool, self._pass, report, clock, threads)
                     self._taken, self._pass = level, None
+                self._ended = True
             except BaseException:
                 # Batches that wait are dropped; those that run end soon.
                 self._stop.set()
@@ -182,15 +185,17 @@ class Job:
     def image(self) -> Image:
         """Return the picture so far; pixels without samples are transparent."""
         film = self.film
+        # What goes on would write to what it shares with the film.
+        layers = film.layers if self._ended else film.copied_layers()
         top = self.options.film_rows[0]
         rows = slice(self.options.rows[0] - top, self.options.rows[1] - top)
         return Image(
             film.mean()[rows],
-            film.depth[rows].copy(),
-            film.normal[rows].copy(),
-            film.albedo[rows].copy(),
-            film.label[rows].copy(),
-            film.leaf[rows].copy(),
+            layers.depth[rows],
+            layers.normal[rows],
+            layers.albedo[rows],
+            layers.label[rows],
+            layers.leaf[rows],
             film.count[rows] > 0,
             self.metadata,
             self.stage.view,

@@ -14,11 +14,12 @@ KNEE = 0.75
 def encode_srgb(linear: Any) -> Any:
     """Return sRGB values of linear values in [0, 1] (IEC 61966-2-1)."""
     linear = np.asarray(linear)
-    return np.where(
-        linear <= 0.0031308,
-        12.92 * linear,
-        1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055,
-    )
+    shown = np.asarray(np.maximum(linear, 0.0031308) ** (1 / 2.4))
+    shown *= 1.055
+    shown -= 0.055
+    dark = linear <= 0.0031308
+    shown[dark] = 12.92 * linear[dark]
+    return shown
 
 
 def decode_srgb(shown: Any) -> Any:
@@ -31,9 +32,11 @@ def decode_srgb(shown: Any) -> Any:
 
 def compress(linear: Any) -> Any:
     """Return values below 1: unchanged up to `KNEE`, then a smooth shoulder."""
-    linear = np.maximum(linear, 0.0)
-    over = np.maximum(linear - KNEE, 0.0) / (1.0 - KNEE)
-    return np.where(linear <= KNEE, linear, KNEE + (1.0 - KNEE) * (over / (1.0 + over)))
+    shown = np.asarray(np.maximum(linear, 0.0))
+    bright = ~(shown <= KNEE)
+    over = (shown[bright] - KNEE) / (1.0 - KNEE)
+    shown[bright] = KNEE + (1.0 - KNEE) * (over / (1.0 + over))
+    return shown
 
 
 def film_curve(linear: Any) -> Any:
