@@ -255,9 +255,10 @@ def test_check_finds_what_a_picture_would_refuse_all_at_once(run, tmp_path):
     assert result.exit_code == 2
     found = [json.loads(line) for line in result.stdout.splitlines()]
     assert [d["line"] for d in found] == [2, 2, 2, 3, 4, 5, 6, 7]
-    assert [d["message"] for d in found[1:6]] == [
+    assert [d["message"] for d in found[:6]] == [
         "`up` of `camera` is the zero vector",
         "`eye` and `target` are the same point",
+        "the `fov` of a camera is 200, with `projection = perspective`",
         "`direction` of `sun` is the zero vector",
         "`radius` of `light` is -2",
         "there is no file `none.hdr`",

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -214,7 +214,7 @@ def _camera(scene: Scene, shot: Shot) -> dict[str, Any]:
     from pcsg.render.stage import build_stage
 
     camera = build_stage(scene, shot.size, shot.overrides).camera
-    return dict(vars(camera))
+    return asdict(camera)
 
 
 def _open(shot: Shot) -> Scene:

@@ -97,9 +97,7 @@ def run(arguments: RenderArguments) -> None:
         announce_compiling(kernel, "about half a minute")
     job = Job(scene, options, {"pcsg:command": _command()})
     if arguments.verbose:
-        camera = job.stage.camera
-        eye, target = (",".join(f"{x:.6g}" for x in p) for p in (camera.eye, camera.target))
-        say(f'--camera "eye={eye} target={target} fov={camera.fov:g}"')
+        say(f'--camera "{job.stage.camera.keys}"')
     where = output
     if options.tile is not None:
         where = tile_path(output, options.tile)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from pcsg.errors import Diagnostic, GrammarError
 from pcsg.graph.expr import Expr, parameters_of
 from pcsg.graph.graph import GLOBALS, Graph
-from pcsg.graph.settings import SETTINGS, FileName, Setting, ValueKind
+from pcsg.graph.settings import ANGLES, SETTINGS, FileName, Setting, ValueKind
 from pcsg.graph.tape import Fault, Program
 from pcsg.vec import IDENTITY
 
@@ -86,14 +86,38 @@ def _check_together(setting: Setting, values: Mapping[str, Any]) -> list[Diagnos
         for key in ("up", "direction")
         if key in values and not any(values[key])
     ]
-    if kind == "camera" and values["eye"] is not None and values["eye"] == values["target"]:
-        problems.append(tell("target", "`eye` and `target` are the same point"))
+    if kind == "camera":
+        if values["eye"] is not None and values["eye"] == values["target"]:
+            problems.append(tell("target", "`eye` and `target` are the same point"))
+        if (fault := check_camera(values)) is not None:
+            problems.append(tell(fault.key, fault.message, fault.expected))
     file = setting.values.get("file")
     if isinstance(file, FileName) and not file.path.is_file():
         problems.append(tell("file", f"there is no file `{file}`"))
     if values.get("kind") in ("image", "normals") and values.get("file") is None:
         problems.append(tell("kind", f"a {kind} of kind `{values['kind']}` needs a `file`"))
     return problems
+
+
+class CameraFault(NamedTuple):
+    """What is wrong with keys of a camera that are each in their range."""
+
+    key: str
+    message: str
+    expected: str
+
+
+def check_camera(values: Mapping[str, Any]) -> CameraFault | None:
+    """Return what keys of a camera do not go together; None if they do."""
+    projection, fov = values["projection"], values["fov"]
+    most = ANGLES[projection][1]
+    if fov is not None and fov > most:
+        message = f"the `fov` of a camera is {fov:g}, with `projection = {projection}`"
+        return CameraFault("fov", message, f"a number from 0.01 to {most:g}")
+    if values["height"] is not None and projection != "orthographic":
+        message = f"a picture with `projection = {projection}` has no `height`"
+        return CameraFault("height", message, "`fov`, or `projection = orthographic`")
+    return None
 
 
 def setting_defaults(kind: str) -> dict[str, Any]:

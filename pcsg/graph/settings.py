@@ -116,6 +116,16 @@ BRIGHT = 1e9
 """Largest strength of light; pictures add up light in single precision."""
 
 
+ANGLES = {
+    "perspective": (35.0, 179.0),
+    "orthographic": (35.0, 179.0),
+    "fisheye": (180.0, 360.0),
+    "panorama": (180.0, 180.0),
+}
+"""Ways to make a picture of what is around the eye: the angle of view in degrees that each has by
+itself, and the largest one."""
+
+
 LARGEST_COLOR = 1e6
 """Of the parts of colours; those of the attribute `color` count as no more than that."""
 
@@ -143,7 +153,26 @@ SETTINGS = {
                     _V, None, "the point looked at; automatic: centre of the bounds", **_FAR
                 ),
                 "up": Key(_V, (0.0, 0.0, 1.0), "direction that is up in the picture", **_FAR),
-                "fov": Key(_N, 35.0, "vertical angle of view in degrees", low=0.01, high=179.0),
+                "projection": Key(
+                    ValueKind.WORD,
+                    "perspective",
+                    "how what is around the eye comes into the picture",
+                    words=tuple(ANGLES),
+                ),
+                "fov": Key(
+                    _N,
+                    None,
+                    "vertical angle of view in degrees; automatic: 35, fisheye and panorama 180",
+                    low=0.01,
+                    high=360.0,
+                ),
+                "height": Key(
+                    _N,
+                    None,
+                    "of an orthographic picture; automatic: what fov shows at the target",
+                    low=1.0 / FAR,
+                    high=FAR,
+                ),
                 "aperture": Key(_N, 0.0, "diameter of the lens", low=0.0, high=FAR),
                 "focus": Key(
                     _N, None, "distance in focus; automatic: that of the target", low=0.0, high=FAR

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pcsg.errors import UsageError
-from pcsg.render.camera import Camera, basis
+from pcsg.graph.evaluate import check_camera
+from pcsg.graph.settings import ANGLES
+from pcsg.render.camera import ROUND, Camera, basis
 from pcsg.render.tracer import Floats, Tracer, WideTracer
 from pcsg.trace.coverage import Footprint
 
@@ -45,41 +48,104 @@ def place(
     UsageError
         The eye is the target, or the angle of view is none.
     """
-    fov, eye, target = float(values["fov"]), values["eye"], values["target"]
-    if not 0 < fov < 179:
-        raise UsageError(f"the camera's fov must lie between 0 and 179 degrees, not {fov:g}")
+    fault = check_camera(values)
+    if fault is not None:
+        raise UsageError(f"{fault.message}; expected {fault.expected}")
+    if values["fov"] is not None and not values["fov"] > 0:
+        raise UsageError(f"the camera's fov must be above 0 degrees, not {values['fov']:g}")
+    eye, target, height = values["eye"], values["target"], values["height"]
+    if not np.abs(np.asarray(values["up"], float)).max() > 0:
+        raise UsageError("the camera's up is the zero vector")
     box = tame(bounds)
-    if eye is None:
-        if target is None:
-            eye, target = frame(box, corners(box), aspect, fov, values["up"])
-            if tracer is not None:
-                camera = Camera(_triple(eye), _triple(target), _triple(values["up"]), fov)
-                points = probe(camera, box, aspect, tracer)
-                if len(points):
-                    eye, target = frame(box, points, aspect, fov, values["up"])
-                    camera = Camera(_triple(eye), _triple(target), _triple(values["up"]), fov)
-                    points = seek_outliers(camera, box, aspect, tracer, points)
-                    eye, target = frame(box, points, aspect, fov, values["up"])
-                    # Round numbers: the last bits of hits must not move the camera.
-                    grain = 10.0 ** math.floor(math.log10(float((box[1] - box[0]).max())) - 4)
-                    eye, target = np.round(eye / grain) * grain, np.round(target / grain) * grain
-        else:
-            eye = _stand_back(box, np.asarray(target, float), aspect, fov, values["up"])
+    view = _View.of(values, aspect)
+    if eye is None and target is None:
+        eye, target, found = _automatic(view, box, tracer)
+        height = height or found
+    elif eye is None:
+        eye = _stand_back(view, box, np.asarray(target, float))
     elif target is None:
         target = box.mean(axis=0)
     eye, target = np.asarray(eye, float), np.asarray(target, float)
     if not np.isfinite([eye, target]).all() or not np.abs(target - eye).max() > 0:
         raise UsageError("the camera's eye and target are the same point")
-    if not np.abs(np.asarray(values["up"], float)).max() > 0:
-        raise UsageError("the camera's up is the zero vector")
     return Camera(
         _triple(eye),
         _triple(target),
         _triple(values["up"]),
-        fov,
+        view.fov,
         float(values["aperture"]),
         values["focus"],
+        values["projection"],
+        height,
     )
+
+
+def _automatic(view: _View, box: Floats, tracer: Tracer | None) -> _Framed:
+    """Return the frame of what rays find in a box; of the box, where they find nothing."""
+    framed = frame(view, box, corners(box))
+    if tracer is None:
+        return framed
+    points = probe(view.camera(framed), box, view.aspect, tracer)
+    if len(points) == 0:
+        return framed
+    camera = view.camera(frame(view, box, points))
+    points = seek_outliers(camera, box, view.aspect, tracer, points)
+    eye, target, height = frame(view, box, points)
+    # Round numbers: the last bits of hits must not move the camera.
+    grain = 10.0 ** math.floor(math.log10(float((box[1] - box[0]).max())) - 4)
+    eye, target = np.round(eye / grain) * grain, np.round(target / grain) * grain
+    return _Framed(eye, target, height and round(height / grain) * grain)
+
+
+class _Framed(NamedTuple):
+    """Eye and target, and the height of the picture if it is orthographic."""
+
+    eye: Floats
+    target: Floats
+    height: float | None
+
+
+@dataclass(frozen=True)
+class _View:
+    """What is known of a camera before its place is.
+
+    Attributes
+    ----------
+    aspect
+        Width over height of the picture.
+    fov
+        As the camera's.
+    flat
+        Whether the picture is orthographic.
+    tangent
+        Half the height of a perspective picture that is framed likewise, at the distance 1.
+    """
+
+    aspect: float
+    fov: float
+    up: Any
+    flat: bool
+    tangent: float
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], aspect: float) -> _View:
+        """Return the view of a setting."""
+        projection, fov = values["projection"], values["fov"]
+        flat = projection == "orthographic"
+        fov = ANGLES[projection][0] if fov is None else float(fov)
+        angle = fov if flat or projection == "perspective" else ROUND
+        return cls(aspect, fov, values["up"], flat, math.tan(math.radians(angle) / 2))
+
+    def camera(self, framed: _Framed) -> Camera:
+        """Return a camera that shows what the view will show."""
+        return Camera(
+            _triple(framed.eye),
+            _triple(framed.target),
+            _triple(self.up),
+            math.degrees(2.0 * math.atan(self.tangent)),
+            projection="orthographic" if self.flat else "perspective",
+            height=framed.height,
+        )
 
 
 def _triple(v: Any) -> tuple[float, float, float]:
@@ -184,8 +250,7 @@ def seek_outliers(
             break
         x, y = np.concatenate(strips).T
         origins, directions = camera.rays((x + 1.0) / 2.0 * aspect, (1.0 - y) / 2.0, (aspect, 1.0))
-        fine = 2.0 * math.tan(math.radians(camera.fov) / 2) / BAND[1]
-        found = _hits_within(box, tracer, origins, directions, spread=fine)
+        found = _hits_within(box, tracer, origins, directions, *camera.widths(BAND[1]))
         if not len(found):
             break
         points = np.concatenate([points, found])
@@ -202,10 +267,12 @@ def _project(camera: Camera, points: Floats, aspect: float) -> Floats:
     """Return where points (N, 3) are in the picture, (N, 2): its edges are at -1 and 1."""
     right, upward, forward = basis(camera.eye, camera.target, camera.up)
     local = (points - np.array(camera.eye)) @ np.stack([right, upward, forward]).T
-    tangent = math.tan(math.radians(camera.fov) / 2)
+    half = 0.5 * camera.tall * np.array([aspect, 1.0])
+    if camera.projection == "orthographic":
+        return np.asarray(local[:, :2] / half)
     # What is beside or behind the eye is far outside.
     depth = np.maximum(local[:, 2:], 1e-3 * np.abs(local).max(axis=1, keepdims=True))
-    return np.asarray(local[:, :2] / depth / (tangent * np.array([aspect, 1.0])))
+    return np.asarray(local[:, :2] / depth / half)
 
 
 def _hits_within(
@@ -279,38 +346,52 @@ def _below(box: Floats, height: float) -> tuple[Floats, Floats]:
     return origins.reshape(-1, 3), np.repeat(np.eye(3)[:2], len(along), axis=0)
 
 
-def frame(box: Floats, points: Floats, aspect: float, fov: float, up: Any) -> tuple[Floats, Floats]:
-    """Return eye and target of the nearest camera that sees points in a box, well placed.
+def frame(view: _View, box: Floats, points: Floats) -> _Framed:
+    """Return the nearest camera that sees points in a box, well placed.
 
     In the camera's axes a point (x, y, z) is inside the picture if |x - ex| <= tx (z - ez), so
     the foremost ez and the middle of what ex is left have a closed form; the same for y.
     """
     towards = default_direction(box)
-    right, upward, forward = basis(towards, np.zeros(3), up)
+    right, upward, forward = basis(towards, np.zeros(3), view.up)
     middle = box.mean(axis=0)
     local = (points - middle) @ np.stack([right, upward, forward]).T
-    ty = math.tan(math.radians(fov) / 2) * (1 - 2 * MARGIN)
+    size = float((box[1] - box[0]).max())
+    if view.flat:
+        low, high = local.min(axis=0), local.max(axis=0)
+        wide, tall = (high - low)[:2] / (1 - 2 * MARGIN)
+        height = max(float(tall), float(wide) / view.aspect, 1e-6 * size)
+        x, y, _ = (low + high) / 2
+        # As far away as a perspective camera would be: what is near is not cut off.
+        ez = float(low[2]) - height / (2 * view.tangent) - 1e-3 * size
+        eye = middle + x * right + y * upward + ez * forward
+        return _Framed(eye, eye + (float(local[:, 2].mean()) - ez) * forward, height)
+    ty = view.tangent * (1 - 2 * MARGIN)
     ez = np.inf
     place_at = []
-    for axis, tangent in ((0, ty * aspect), (1, ty)):
+    for axis, tangent in ((0, ty * view.aspect), (1, ty)):
         above = float((local[:, axis] - tangent * local[:, 2]).max())
         below = float((-local[:, axis] - tangent * local[:, 2]).max())
         place_at.append((above - below) / 2)
         ez = min(ez, -(above + below) / (2 * tangent))
-    size = float((box[1] - box[0]).max())
     ez = min(ez, float(local[:, 2].min()) - 1e-3 * size)
     eye = middle + place_at[0] * right + place_at[1] * upward + ez * forward
     depth = float(local[:, 2].mean()) - ez
-    return eye, eye + depth * forward
+    return _Framed(eye, eye + depth * forward, None)
 
 
-def _stand_back(box: Floats, target: Floats, aspect: float, fov: float, up: Any) -> Floats:
+def _stand_back(view: _View, box: Floats, target: Floats) -> Floats:
     """Return the eye of a camera that looks at a given point and sees the whole box."""
     towards = default_direction(box)
-    right, upward, _ = basis(towards, np.zeros(3), up)
+    right, upward, _ = basis(towards, np.zeros(3), view.up)
     relative = corners(box) - target
-    ty = math.tan(math.radians(fov) / 2) * (1 - 2 * MARGIN)
+    ty = view.tangent * (1 - 2 * MARGIN)
     nearer = relative @ towards
-    needed = np.maximum(np.abs(relative @ right) / (ty * aspect), np.abs(relative @ upward) / ty)
-    distance = max(float((nearer + needed).max()), 1e-3 * float((box[1] - box[0]).max()))
+    needed = np.maximum(
+        np.abs(relative @ right) / (ty * view.aspect), np.abs(relative @ upward) / ty
+    )
+    size = float((box[1] - box[0]).max())
+    distance = max(float((nearer + needed).max()), 1e-3 * size)
+    if view.flat:
+        distance = max(float(needed.max()), float(nearer.max()) + 1e-3 * size)
     return np.asarray(target + distance * towards)

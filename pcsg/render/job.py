@@ -330,17 +330,26 @@ class Job:
         lens = None
         if self.stage.camera.aperture > 0:
             lens = self.sampler.pairs(*samples, Purpose.LENS)
-        origins, directions = self.stage.camera.rays(
-            x + 0.5 + shift[:, 0], samples.y + 0.5 + shift[:, 1], self.options.size, lens
-        )
+        camera, size = self.stage.camera, self.options.size
+        at_x, at_y = x + 0.5 + shift[:, 0], samples.y + 0.5 + shift[:, 1]
+        shown = camera.covers(at_x, at_y, size)
+        if shown is not None:
+            samples, at_x, at_y = samples.take(np.flatnonzero(shown)), at_x[shown], at_y[shown]
+            lens = lens[shown] if lens is not None else None
+        origins, directions = camera.rays(at_x, at_y, size, lens)
         try:
             with stoppable(self._stop):
                 light = self.integrator.radiance(origins, directions, samples)
         except Stopped:
             return 0, 0
-        self.film.add(pixels, light.rgb.reshape(-1, k, 3))
+        rgb = light.rgb
+        if shown is not None:
+            rgb = np.zeros((len(number), 3))
+            rgb[shown] = light.rgb
+        self.film.add(pixels, rgb.reshape(-1, k, 3))
         if work.taken == 0:
-            self.film.set_first(pixels, light.hits, light.albedo)
+            first = pixels if shown is None else pixels[shown]
+            self.film.set_first(first, light.hits, light.albedo)
         work.done[batch] = True
         return len(number), light.rays
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from pcsg.arguments import shown
 from pcsg.errors import UsageError, suggest
 from pcsg.graph.settings import SETTINGS, check_value
-from pcsg.render.camera import Camera
+from pcsg.render.camera import Camera, Widths
 from pcsg.render.daylight import PhysicalSky, sunlight
 from pcsg.render.emitters import Emitters, make_emitters
 from pcsg.render.framing import find_lowest, place, tame
@@ -114,9 +113,9 @@ def build_stage(
     sun = make_sun(sun_values, dimmed)
     balls = make_balls(scene.setting_values("light"))
     film = _values(scene, "film", overrides)
-    pixel = detail * 2.0 * math.tan(math.radians(camera.fov) / 2.0) / height
-    tracer = _detailed(scene.tracer, camera, pixel)
-    things = _detailed(scene.tracer, camera, pixel, max(pixel, SOFT))
+    fine = Widths(*(detail * width for width in camera.widths(height)))
+    tracer = _detailed(scene.tracer, camera, fine)
+    things = _detailed(scene.tracer, camera, fine, max(fine.spread, SOFT))
     grounded = bool(scene.setting_values("ground")) or "ground" in overrides
     extent = float((box[1] - box[0]).max())
     if grounded:
@@ -145,9 +144,9 @@ def build_stage(
     )
 
 
-def _detailed(tracer: Tracer, camera: Camera, pixel: float, spread: float | None = None) -> Tracer:
+def _detailed(tracer: Tracer, camera: Camera, pixel: Widths, spread: float | None = None) -> Tracer:
     """Return a tracer that does not look into what looks smaller."""
-    if pixel == 0.0 or not isinstance(tracer, WideTracer):
+    if not max(pixel) > 0.0 or not isinstance(tracer, WideTracer):
         return tracer
     return DetailedTracer(tracer, camera.eye, pixel, spread)
 

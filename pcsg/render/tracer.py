@@ -125,7 +125,7 @@ class DetailedTracer:
     eye
         Where the camera is.
     pixel
-        Width of a pixel per distance from the eye.
+        Width of a pixel, and how much wider it is per distance from the eye.
     spread
         How much wider a ray gets per distance; by default a pixel's width.
     """
@@ -134,17 +134,20 @@ class DetailedTracer:
         self,
         inner: WideTracer,
         eye: tuple[float, float, float],
-        pixel: float,
+        pixel: tuple[float, float],
         spread: float | None = None,
     ) -> None:
         self.inner = inner
         self.eye = np.array(eye)
         self.pixel = pixel
-        self.spread = pixel if spread is None else spread
+        self.spread = pixel[1] if spread is None else spread
 
     def _footprint(self, origins: Floats) -> Footprint:
         away = origins - self.eye
-        width = self.pixel * np.sqrt(np.einsum("ij,ij->i", away, away))
+        fixed, spread = self.pixel
+        width = spread * np.sqrt(np.einsum("ij,ij->i", away, away))
+        if fixed > 0.0:
+            width += fixed
         return Footprint(width, np.full(len(origins), self.spread))
 
     def intersect(
