@@ -30,7 +30,7 @@ from pcsg.objectcode import Code
 CACHE = "PCSG_CACHE"
 """Environment variable that names another folder for what is kept."""
 
-_MAGIC = b"pcsg kernel 2\n"
+_MAGIC = b"pcsg kernel 3\n"
 _DIGEST = 32
 _MOST = 1 << 28
 """Most bytes of a file, and of all together."""

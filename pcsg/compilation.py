@@ -9,6 +9,7 @@ promised to stay; where one is missing, numba compiles in its own way.
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -68,15 +69,6 @@ def _linking() -> Iterator[None]:
             codegen._library_class = before
 
 
-def _finish(library: Any) -> bytes:
-    """Optimize the whole of a linked library, and return the object file."""
-    library._ensure_finalized()
-    library._optimize_final_module()
-    library._final_module.verify()
-    content: bytes = library._codegen._tm.emit_object(library._final_module)
-    return content
-
-
 def _is_known(symbol: str) -> bool:
     """Return whether a function is there in every process."""
     return sys.platform != "win32" and hasattr(ctypes.CDLL(None), symbol)
@@ -114,16 +106,31 @@ def compile_function(signature: str, function: Any, options: dict[str, Any]) -> 
     return _code(compiled.library, compiled.fndesc.llvm_func_name, "", False)
 
 
-def _code(library: Any, symbol: str, result: str, is_tuple: bool) -> Code:
-    """Return what is kept of something in a library of numba."""
-    content = _finish(library)
-    called = re.findall(r"declare [^@]*@\"?(?!llvm\.)([\w.]+)", library.get_llvm_str())
+def _code(library: Any, entry: str, result: str, is_tuple: bool) -> Code:
+    """Optimize the whole of a linked library, and return what is kept of it.
+
+    numba numbers functions in the order of a process, so those of two processes may have the same
+    name, and what is loaded first would serve for both. Here every object file keeps its functions
+    to itself, and its entry is called by a digest.
+    """
+    library._ensure_finalized()
+    library._optimize_final_module()
+    module = library._final_module
+    text = str(module)
+    called = re.findall(r"declare [^@]*@\"?(?!llvm\.)([\w.]+)", text)
+    symbol = f"pcsg_{hashlib.sha256(text.encode()).hexdigest()[:32]}"
+    for function in module.functions:
+        if function.name == entry:
+            function.name = symbol
+        elif not function.is_declaration:
+            function.linkage = "internal"
+    module.verify()
     return Code(
         symbol=symbol,
         result=result,
         is_tuple=is_tuple,
         needs_numba=not all(_is_known(name) for name in called),
-        content=content,
+        content=library._codegen._tm.emit_object(module),
     )
 
 

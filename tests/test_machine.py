@@ -331,3 +331,43 @@ def test_where_numba_is_another_it_compiles_in_its_own_way(
 def test_pcsg_works_without_docstrings() -> None:
     text = "import pcsg; print(pcsg.loads('rotx(30) uscale(abs(-2)) sphere').bounds.max() >= 2)"
     assert said(run_alone(text, "-OO")) == "True\n"
+
+
+NAMESAKES = """
+import sys
+import numpy as np
+from pcsg.jit import njit
+from pcsg.simd import stay_apart
+
+def make(number):
+    @njit
+    def inner(out):
+        stay_apart()
+        for i in range(len(out)):
+            out[i] += number
+        return number
+
+    @njit(entry=True)
+    def kernel(out):
+        return inner(out)
+
+    return kernel
+
+for number in map(int, sys.argv[1:]):
+    out = np.zeros(2)
+    print(make(number)(out), out.tolist())
+"""
+
+
+def test_namesakes_of_several_processes_stay_apart(tmp_path: Path, kernel_folder: Path) -> None:
+    file = tmp_path / "namesakes.py"
+    file.write_text(NAMESAKES)
+
+    def run(*numbers: str) -> list[str]:
+        command = [sys.executable, str(file), *numbers]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        return done.stdout.splitlines()
+
+    told = [*run("1"), *run("2")]
+    assert len(list(kernel_folder.glob("*.code"))) == 2
+    assert run("1", "2") == told == ["1 [1.0, 1.0]", "2 [2.0, 2.0]"]
