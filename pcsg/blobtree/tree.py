@@ -361,7 +361,9 @@ def ridge(plan: _Plan, a: int, p: int, c: int) -> tuple[Field, Field, Field]:
     cos = float(np.clip(d @ e, -0.95, 0.98))
     sine = math.sqrt(1.0 - cos * cos)
     normal = _cross(d, e)
-    normal /= max(float(np.linalg.norm(normal)), 1e-9)
+    size = float(np.linalg.norm(normal))
+    # Of parallel branches any plane will do.
+    normal = normal / size if size > 1e-9 else _frame(d, d)[:, 0]
     outwards = e - d * cos
     outwards /= max(float(np.linalg.norm(outwards)), 1e-9)
     middle = plan.s.end[a] + d * (r_c + r_p * cos) / sine + outwards * r_p

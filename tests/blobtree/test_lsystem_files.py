@@ -372,3 +372,8 @@ def test_a_bend_of_next_to_nothing_is_none() -> None:
     text = "axiom: !(0.2)F[+(40)!(0.1)F]F\nbend: "
     none, hardly = (Model(plant_of(f"{text}{x}\n")) for x in ("0", "5e-324"))
     np.testing.assert_array_equal(none.bounds, hardly.bounds)
+
+
+def test_branches_that_coincide_meet_by_age() -> None:
+    model = Model(plant_of("axiom: !(0.2)F[&F][&F]\njunctions: aged\nbend: 30\n"))
+    assert np.isfinite(model.bounds).all()
