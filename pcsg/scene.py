@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,8 @@ from pcsg.graph.validate import check_graph
 from pcsg.trace.choice import EngineChoice, Limits
 from pcsg.trace.hits import Crossings, Hits, Spans
 from pcsg.trace.lazy import LazyTracer
+from pcsg.trace.measures import Key, Measured, Quantity, Samples
+from pcsg.trace.periodic import PeriodicScene, as_cell
 from pcsg.trace.rays import check_rays
 from pcsg.trace.tracer import Engine, StatesTracer
 from pcsg.trace.walker import Walker
@@ -280,6 +282,70 @@ class Scene:
         """
         return self._choice.reader.leaves(arguments.whole(batch, "batch", 1))
 
+    @overload
+    def measure(self, quantity: Quantity, by: None = None) -> Measured: ...
+    @overload
+    def measure(self, quantity: Quantity, by: Key) -> dict[int, Measured]: ...
+    def measure(self, quantity: Quantity, by: Key | None = None) -> Measured | dict[int, Measured]:
+        """Integrate over all primitives without rays, however many they are.
+
+        Counts and volumes are exact, overlaps counted as often as there are primitives. Areas are
+        exact where all maps above a primitive's own state are similarities, else estimated from
+        200,000 points. Of sheets one side counts; what lies inside of another solid counts, too.
+
+        Parameters
+        ----------
+        quantity
+            ``area``, ``volume`` (in the scene's unit of length, squared or cubed) or ``count``.
+        by
+            ``label``: one result for each label (-1 for none); ``leaf``: for each leaf node of the
+            graph; None: one in all.
+
+        Returns
+        -------
+        Measured
+            ``value`` and ``se``, its standard error, 0 where it is exact; a dict of them with
+            ``by``.
+
+        Raises
+        ------
+        UsageError
+            The scene has too many states, unbounded primitives or blobs, or (but for counts)
+            differences or intersections.
+        """
+        if quantity not in get_args(Quantity):
+            known = ", ".join(get_args(Quantity))
+            raise UsageError(f"unknown quantity {arguments.shown(quantity)}; one of {known}")
+        if by is not None and by not in get_args(Key):
+            raise UsageError(f"`by` is {' or '.join(get_args(Key))}, not {arguments.shown(by)}")
+        return self._choice.reader.measuring.measure(quantity, by)
+
+    def sample(self, n: int, *, seed: int = 0) -> Samples:
+        """Draw points on the surfaces of all primitives, uniformly by area.
+
+        Nothing is expanded: of 10^12 leaves each is as likely as another of its size.
+
+        Parameters
+        ----------
+        n
+            Number of points.
+        seed
+            Equal seeds give equal points.
+
+        Returns
+        -------
+        Samples
+            ``points`` and ``normals`` (N, 3) in world coordinates, ``label`` and ``leaf`` (N,),
+            and ``area`` with its standard error.
+
+        Raises
+        ------
+        UsageError
+            As for `measure`.
+        """
+        arguments.whole(n, "n", 1)
+        return self._choice.reader.measuring.sample(n, arguments.whole(seed, "seed", 0))
+
     def setting_values(self, kind: str) -> list[dict[str, Any]]:
         """Return the settings of a kind, defaults filled in, None where automatic."""
         return setting_values(self.graph, kind, axiom_values(self.graph, self.values))
@@ -308,6 +374,8 @@ class Scene:
         directions: ArrayLike,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = math.inf,
+        *,
+        periodic: ArrayLike | None = None,
     ) -> Hits:
         """Find the first crossing of every ray in the closed [t_min, t_max]; exits count.
 
@@ -316,6 +384,12 @@ class Scene:
         origins, directions : array_like (N, 3)
             World coordinates. Directions need not be unit; t is in their lengths.
         t_min, t_max : array_like, scalar or (N,)
+        periodic : array_like (4,)
+            A cell (xmin, ymin, xmax, ymax): the scene stands at all its multiples, as if it were
+            copied. What overhangs is seen from the cells beside it; positions are those of the
+            copy that is met. Unbounded solids must be the same in every cell. A ray ends after
+            10,000 cells. Solids of neighbouring copies that overlap stay apart for rays that
+            begin inside of them.
 
         Raises
         ------
@@ -324,7 +398,21 @@ class Scene:
         EvaluationFault
             A ray met a fault of the grammar.
         """
+        if periodic is not None:
+            rays = check_rays(origins, directions, t_min, t_max)
+            return self._repeated(periodic).intersect(rays, self.tracer.intersect)
         return self.tracer.intersect(origins, directions, t_min, t_max)
+
+    def _repeated(self, periodic: ArrayLike) -> PeriodicScene:
+        """Return who answers periodic rays."""
+        cell = as_cell(periodic)
+        packed = self._choice.packed
+        if packed is not None:
+            heights = packed.box[:, 2].tolist()
+        else:
+            lower, upper = self.boxes.boxes[self.graph.number[self.graph.root]].reshape(2, 3)
+            heights = [lower[2], upper[2]]
+        return PeriodicScene(cell, self.bounds, (heights[0], heights[1]))
 
     def occluded(
         self,
@@ -332,8 +420,13 @@ class Scene:
         directions: ArrayLike,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = math.inf,
+        *,
+        periodic: ArrayLike | None = None,
     ) -> NDArray[np.bool_]:
         """Find whether every ray crosses anything, bool (N,); arguments as for `intersect`."""
+        if periodic is not None:
+            rays = check_rays(origins, directions, t_min, t_max)
+            return self._repeated(periodic).occluded(rays, self.tracer.occluded)
         return self.tracer.occluded(origins, directions, t_min, t_max)
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:

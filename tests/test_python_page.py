@@ -21,8 +21,8 @@ FOR_THE_RENDERER = {
         *("boxes", "setting_numbers", "setting_values", "sheets", "shining_covers"),
         *("source_hash", "states", "tracer"),
     },
-    "Hits": {"columns", "replaced"},
-    "Crossings": {"columns", "replaced"},
+    "Hits": {"columns", "replaced", "take"},
+    "Crossings": {"columns", "replaced", "take"},
 }
 """Public members that users need not know. A new one is on the page, or here."""
 

@@ -154,6 +154,23 @@ class FoundHits(Hits):
         found.t[at], found.position[at], found.normal[at] = hits.t, hits.position, hits.normal
         vars(self).update(_walked=(at, hits))
 
+    def take(self, rows: NDArray[np.int64]) -> Hits:
+        """Return some of the hits, still to be looked up."""
+        if self._walked is not None:
+            return super().take(rows)
+        found = self._found
+        some = found._replace(
+            t=found.t[rows],
+            record=found.record[rows],
+            position=found.position[rows],
+            normal=found.normal[rows],
+            local=found.local[rows],
+        )
+        taken = object.__new__(FoundHits)
+        vars(taken).update(t=some.t, position=some.position, normal=some.normal)
+        vars(taken).update(_found=some, _records=self._records, _pool=self._pool, _walked=None)
+        return taken
+
     def _complete(self, name: str, values: Any) -> Any:
         """Put in what comes from elsewhere."""
         if self._walked is not None:

@@ -56,6 +56,10 @@ class Hits:
         """Return all fields by their names."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
+    def take(self, rows: NDArray[np.int64]) -> Hits:
+        """Return some of the hits."""
+        return Hits(**{f.name: getattr(self, f.name)[rows] for f in fields(Hits)})
+
     def replaced(self, **values: Any) -> Hits:
         """Return the same hits with other values of some fields."""
         return Hits(**(self.columns() | values))

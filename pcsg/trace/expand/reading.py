@@ -7,11 +7,13 @@ than a second for a million states.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.errors import GrammarError, UsageError
 from pcsg.graph.counts import count_primitives
 from pcsg.graph.graph import Graph
 from pcsg.graph.states import StateGraph
@@ -22,6 +24,7 @@ from pcsg.trace.preparing import UNLIMITED, Preparation
 if TYPE_CHECKING:
     from pcsg.graph.leaves import Leaves
     from pcsg.trace.expand.expansion import Expansion
+    from pcsg.trace.expand.measuring import Measuring
 
 EXPANSION_MEMORY = 512 << 20
 """Bytes of all states, where they are many and are unrolled in compiled code."""
@@ -139,6 +142,24 @@ class StatesReader:
             if table is not None:
                 return light.shining_covers(table, strengths)
         return shining.shining_covers(self.states, strengths)
+
+    @cached_property
+    def measuring(self) -> Measuring:
+        """Who integrates over all primitives; the table stays as long as this.
+
+        Raises
+        ------
+        UsageError
+            There are too many states, or one contains itself.
+        """
+        from pcsg.trace.expand.measuring import Measuring
+
+        found = self._known() or self.expand()
+        if found is None:
+            raise UsageError("the scene has too many states for their table: some millions")
+        if found.diagnostics:
+            raise GrammarError(found.diagnostics)
+        return Measuring(found)
 
     def count(self) -> Counts | None:
         """Return what is counted in the table; None where there is none."""

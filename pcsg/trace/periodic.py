@@ -1,0 +1,315 @@
+"""Periodic rays: the union of a scene's copies at all multiples of a cell, without copies.
+
+A ray is cut at the borders of the cells that it passes. In each it meets the copies whose boxes
+reach into the cell, so that crowns may overhang: the copies stay where the scene is, and the ray is
+moved against them. Of unbounded solids each cell is taken to have the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pcsg.arguments import array
+from pcsg.errors import UsageError
+from pcsg.trace.hits import Hits
+from pcsg.trace.rays import Rays
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MOST_CELLS = 10_000
+"""Cells that a ray passes at most in either direction; it misses what is beyond them."""
+
+BATCH = 1 << 17
+"""Rays that are followed together."""
+
+
+class Cell(NamedTuple):
+    """A rectangle whose copies fill the plane.
+
+    Attributes
+    ----------
+    xmin, ymin, xmax, ymax : float
+        World coordinates.
+    """
+
+    xmin: float
+    ymin: float
+    xmax: float
+    ymax: float
+
+    @property
+    def sides(self) -> Floats:
+        """Its sides, float64 (2,)."""
+        return np.array([self.xmax - self.xmin, self.ymax - self.ymin])
+
+    @property
+    def corner(self) -> Floats:
+        """Its smallest corner, float64 (2,)."""
+        return np.array([self.xmin, self.ymin])
+
+    @property
+    def area(self) -> float:
+        """Its area."""
+        return float(self.sides.prod())
+
+
+def as_cell(value: ArrayLike) -> Cell:
+    """Return a checked cell.
+
+    Raises
+    ------
+    UsageError
+        It is not (xmin, ymin, xmax, ymax).
+    """
+    numbers = array(value, "periodic")
+    if numbers.shape != (4,) or not np.isfinite(numbers).all():
+        raise UsageError("`periodic` is (xmin, ymin, xmax, ymax), four finite numbers")
+    cell = Cell(*numbers.tolist())
+    if not (cell.xmin < cell.xmax and cell.ymin < cell.ymax):
+        raise UsageError(f"the cell {tuple(numbers.tolist())} of `periodic` is empty")
+    return cell
+
+
+class _Segments(NamedTuple):
+    """Parts of rays in one copy: which rays, where they begin and end, and how it is shifted."""
+
+    ray: Integers
+    t_min: Floats
+    t_max: Floats
+    shift: Floats
+
+
+class PeriodicScene:
+    """Answers periodic rays.
+
+    Parameters
+    ----------
+    cell
+        Whose copies there are.
+    bounds : float64 (2, 3)
+        Corners of the box about the bounded parts of the scene.
+    heights
+        Between which z there is anything, -inf and inf where something is unbounded.
+    """
+
+    def __init__(self, cell: Cell, bounds: Floats, heights: tuple[float, float]) -> None:
+        self._cell = cell
+        self._low, self._high = bounds[0, :2], bounds[1, :2]
+        self._heights = heights
+        sides = cell.sides
+        first, last = np.zeros(2, np.int64), np.zeros(2, np.int64)
+        if np.isfinite(bounds).all():
+            # Copies that reach into the cell, by how many cells they are shifted.
+            first = np.floor((cell.corner - self._high) / sides).astype(np.int64) + 1
+            last = np.ceil((cell.corner + sides - self._low) / sides).astype(np.int64) - 1
+        if ((last - first) > 100).any():
+            raise UsageError("the scene is more than a hundred cells of `periodic` wide")
+        self._offsets = [
+            np.array([i, j])
+            for i in range(int(first[0]), int(last[0]) + 1)
+            for j in range(int(first[1]), int(last[1]) + 1)
+        ]
+
+    def _walk(self, rays: Rays, best: Floats, done: NDArray[np.bool_]) -> Iterator[_Segments]:
+        """Yield parts of rays in their order; who traces them keeps `best` and `done`."""
+        cell, sides = self._cell, self._cell.sides
+        n = len(rays.origins)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t_min, t_max = self._clip(rays, n)
+            if (t_min == -math.inf).any():
+                raise UsageError("a periodic ray begins somewhere: its t_min is finite")
+            o, d = rays.origins[:, :2], rays.directions[:, :2]
+            start = np.where(t_min <= t_max, t_min, 0.0)
+            index = np.floor((o + start[:, None] * d - cell.corner) / sides).astype(np.int64)
+            step = np.sign(d).astype(np.int64)
+            ahead = (step > 0).astype(np.int64)
+            going = np.flatnonzero(t_min <= t_max)
+            now = t_min.copy()
+            for _ in range(2 * MOST_CELLS):
+                if not len(going):
+                    return
+                i = index[going]
+                border = (cell.corner + (i + ahead[going]) * sides - o[going]) / d[going]
+                border[step[going] == 0] = math.inf
+                end = np.minimum(border.min(axis=1), t_max[going])
+                yield from self._meet(rays, going, i, now[going], end, best)
+                # What is found in a cell cannot be beaten farther on.
+                left = (border.min(axis=1) < t_max[going]) & ~done[going]
+                left &= best[going] > end
+                axis = border.argmin(axis=1)
+                index[going, axis] += step[going, axis]
+                now[going] = np.maximum(now[going], end)
+                going = going[left]
+
+    def _clip(self, rays: Rays, n: int) -> tuple[Floats, Floats]:
+        """Return where rays pass the heights between which there is anything."""
+        z, dz = rays.origins[:, 2], rays.directions[:, 2]
+        low, high = self._heights
+        slack = 1e-9 * max(1.0, *(abs(h) for h in self._heights if math.isfinite(h)), 1.0)
+        a, b = (low - slack - z) / dz, (high + slack - z) / dz
+        inside = (z >= low - slack) & (z <= high + slack)
+        level = dz == 0.0
+        first = np.where(level, np.where(inside, -math.inf, math.inf), np.minimum(a, b))
+        last = np.where(level, np.where(inside, math.inf, -math.inf), np.maximum(a, b))
+        t_min = np.maximum(np.broadcast_to(rays.t_min, (n,)), first)
+        t_max = np.minimum(np.broadcast_to(rays.t_max, (n,)), last)
+        return t_min, t_max
+
+    def _meet(
+        self, rays: Rays, ray: Integers, index: Integers, begin: Floats, end: Floats, best: Floats
+    ) -> Iterator[_Segments]:
+        """Yield the parts of rays in the copies that reach into their cells."""
+        sides = self._cell.sides
+        for offset in self._offsets:
+            shift = (index + offset) * sides
+            which = np.arange(len(ray))
+            if len(self._offsets) > 1:
+                which = np.flatnonzero(self._reaches(rays, ray, shift, begin, end))
+            if len(which):
+                k = ray[which]
+                yield _Segments(k, begin[which], np.minimum(end[which], best[k]), shift[which])
+
+    def _reaches(
+        self, rays: Rays, ray: Integers, shift: Floats, begin: Floats, end: Floats
+    ) -> NDArray[np.bool_]:
+        """Return which parts of rays pass the box of a copy."""
+        o, d = rays.origins[ray, :2] - shift, rays.directions[ray, :2]
+        a, b = (self._low - o) / d, (self._high - o) / d
+        inside = (o >= self._low) & (o <= self._high)
+        level = d == 0.0
+        near = np.where(level, np.where(inside, -math.inf, math.inf), np.minimum(a, b))
+        far = np.where(level, np.where(inside, math.inf, -math.inf), np.maximum(a, b))
+        slack = 1e-9 * (np.abs(end) + np.abs(begin))
+        slack[~np.isfinite(slack)] = 0.0
+        first = np.maximum(near.max(axis=1), begin) - slack
+        return np.asarray(first <= np.minimum(far.min(axis=1), end) + slack)
+
+    def intersect(self, rays: Rays, trace: Callable[..., Hits]) -> Hits:
+        """Find the first crossing of every ray; `trace` answers rays without period."""
+        n = len(rays.origins)
+        best = np.full(n, math.inf)
+        found = _Pieces(n)
+        for begin in range(0, n, BATCH):
+            rows = np.arange(begin, min(n, begin + BATCH))
+            some = rays.take(rows)
+            nearest = np.full(len(rows), math.inf)
+            done = np.zeros(len(rows), np.bool_)
+            for part in self._walk(some, nearest, done):
+                hits = trace(_moved(some, part), some.directions[part.ray], part.t_min, part.t_max)
+                closer = hits.t < nearest[part.ray]
+                nearest[part.ray[closer]] = hits.t[closer]
+                found.add(rows[part.ray], part.shift, hits, closer)
+            best[rows] = nearest
+        return found.join(best)
+
+    def occluded(self, rays: Rays, trace: Callable[..., NDArray[np.bool_]]) -> NDArray[np.bool_]:
+        """Find whether every ray crosses anything."""
+        n = len(rays.origins)
+        blocked = np.zeros(n, np.bool_)
+        for begin in range(0, n, BATCH):
+            rows = np.arange(begin, min(n, begin + BATCH))
+            some = rays.take(rows)
+            done = np.zeros(len(rows), np.bool_)
+            for part in self._walk(some, np.full(len(rows), math.inf), done):
+                left = np.flatnonzero(~done[part.ray])
+                part = _Segments(
+                    part.ray[left], part.t_min[left], part.t_max[left], part.shift[left]
+                )
+                done[part.ray] |= trace(
+                    _moved(some, part), some.directions[part.ray], part.t_min, part.t_max
+                )
+            blocked[rows] = done
+        return blocked
+
+
+def _moved(rays: Rays, part: _Segments) -> Floats:
+    """Return the origins of parts of rays as their copies see them."""
+    origins = rays.origins[part.ray]
+    origins[:, :2] -= part.shift
+    return origins
+
+
+class _Pieces:
+    """Hits of parts of rays, put together when all are known."""
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+        self._source = np.full(n, -1, np.int64)
+        self._row = np.zeros(n, np.int64)
+        self._shift = np.zeros((n, 2))
+        self._parts: list[Hits] = []
+
+    def add(self, rays: Integers, shift: Floats, hits: Hits, closer: NDArray[np.bool_]) -> None:
+        """Take the hits that are closer than those before."""
+        rows = np.flatnonzero(closer)
+        if not len(rows):
+            return
+        self._source[rays[rows]] = len(self._parts)
+        self._row[rays[rows]] = np.arange(len(rows))
+        self._shift[rays[rows]] = shift[rows]
+        self._parts.append(hits.take(rows))
+
+    def join(self, t: Floats) -> Hits:
+        """Return the hits of all rays; columns are gathered when they are asked for."""
+        return PeriodicHits(self._parts, self._source, self._row, self._shift, t)
+
+
+class PeriodicHits(Hits):
+    """First crossings of periodic rays; positions are those of the copy that was met.
+
+    Parameters
+    ----------
+    parts
+        Hits of parts of rays.
+    source, row : int64 (N,)
+        Which of them has a ray's hit (-1: missed), and in which row.
+    shift : float64 (N, 2)
+        How far that copy stands from the scene.
+    t : float64 (N,)
+    """
+
+    def __init__(
+        self, parts: list[Hits], source: Integers, row: Integers, shift: Floats, t: Floats
+    ) -> None:
+        # The fields of hits are frozen.
+        vars(self).update(t=t, shift=shift, _parts=parts, _source=source, _row=row)
+
+    def _gather(self, name: str, missed: Any) -> Any:
+        values = vars(self)
+        out = np.array(missed)[None].repeat(len(values["t"]), axis=0)
+        order = np.argsort(values["_source"], kind="stable")
+        ends = np.searchsorted(values["_source"][order], np.arange(len(values["_parts"]) + 1))
+        for k, part in enumerate(values["_parts"]):
+            here = order[ends[k] : ends[k + 1]]
+            if len(here):
+                out[here] = getattr(part, name)[values["_row"][here]]
+        values[name] = out
+        return out
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "position":
+            position = self._gather("position", np.zeros(3))
+            position[:, :2] += np.where(self._source[:, None] >= 0, self.shift, 0.0)
+            return position
+        if name in _MISSED:
+            return self._gather(name, _MISSED[name])
+        raise AttributeError(name)
+
+
+_MISSED: dict[str, Any] = {
+    "normal": np.zeros(3),
+    "uv": np.zeros(2),
+    "other_uv": np.zeros((2, 3)),
+    "leaf": np.int64(-1),
+    "label": np.int64(-1),
+    "color": np.full(3, -1.0),
+    "material": np.int64(-1),
+    "texture": np.int64(-1),
+    "texture_scale": np.float64(1.0),
+}
