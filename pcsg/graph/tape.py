@@ -39,21 +39,22 @@ UNARY, BINARY, TERNARY, RANDOM, WORLD, COLUMN = _FORM_CODE.values()
 OK, NOT_FINITE, UNASSIGNED = range(3)
 
 _BY_FORM = {form: [f for f in FUNCTIONS.values() if f.form is form] for form in Form}
-_NUMBER_OF = {f.name: k for fs in _BY_FORM.values() for k, f in enumerate(fs)}
+NUMBER_OF = {f.name: k for fs in _BY_FORM.values() for k, f in enumerate(fs)}
+"""The number of every function among those of its form."""
 
-_unary = build_ladder("unary", "f", ["a"], [f.kernel for f in _BY_FORM[Form.UNARY]], "a")
-_binary = build_ladder("binary", "f", ["a", "b"], [f.kernel for f in _BY_FORM[Form.BINARY]], "a")
-_ternary = build_ladder(
+call_unary = build_ladder("unary", "f", ["a"], [f.kernel for f in _BY_FORM[Form.UNARY]], "a")
+call_binary = build_ladder("binary", "f", ["a", "b"], [f.kernel for f in _BY_FORM[Form.BINARY]], "a")
+call_ternary = build_ladder(
     "ternary", "f", ["a", "b", "c"], [f.kernel for f in _BY_FORM[Form.TERNARY]], "a"
 )
-_random = build_ladder(
+call_random = build_ladder(
     "random",
     "f",
     ["stack", "at", "count", "seeds"],
     [f.kernel for f in _BY_FORM[Form.RANDOM]],
     "0.0",
 )
-_world = build_ladder(
+call_world = build_ladder(
     "world", "f", ["frame", "point"], [f.kernel for f in _BY_FORM[Form.WORLD]], "0.0"
 )
 
@@ -118,17 +119,17 @@ def run(
             stack[n - 1] = 1.0 if stack[n - 1] != 0.0 else 0.0
         else:
             if op == UNARY:
-                x = _unary(a, stack[n - 1])
+                x = call_unary(a, stack[n - 1])
             elif op == BINARY:
                 n -= 1
-                x = _binary(a, stack[n - 1], stack[n])
+                x = call_binary(a, stack[n - 1], stack[n])
             elif op == TERNARY:
                 n -= 2
-                x = _ternary(a, stack[n - 1], stack[n], stack[n + 1])
+                x = call_ternary(a, stack[n - 1], stack[n], stack[n + 1])
             elif op == RANDOM:
                 count, seeds = b & 0xFFFF, b >> 16
                 n -= count - 1
-                x = _random(a, stack, n - 1, count, seeds)
+                x = call_random(a, stack, n - 1, count, seeds)
             elif op == COLUMN:
                 # Rows count from 1; columns stand behind the constants.
                 row = stack[n - 1]
@@ -136,7 +137,7 @@ def run(
             else:
                 n -= 2
                 point = Vec3(stack[n - 1], stack[n], stack[n + 1])
-                x = _world(a, load_affine(params, slots + frame_slot), point)
+                x = call_world(a, load_affine(params, slots + frame_slot), point)
             stack[n - 1] = x
             if x - x != 0.0:
                 return NOT_FINITE, at
@@ -250,7 +251,7 @@ class Program:
                 assert isinstance(expr, Apply)
                 depth = self._finish(expr, depth)
             elif what == "fold":
-                self._emit(BINARY, _NUMBER_OF[expr.function], 0, expr)  # type: ignore[attr-defined]
+                self._emit(BINARY, NUMBER_OF[expr.function], 0, expr)  # type: ignore[attr-defined]
                 depth -= 1
             elif what == "test":  # the condition is on the stack
                 patches.append(self._emit(JUMP_IF_ZERO, 0, 0, expr))
@@ -313,7 +314,7 @@ class Program:
             self._emit(COLUMN, number, len(expr.column), expr)
             return depth
         detail = count | expr.seeds << 16 if form is Form.RANDOM else 0
-        self._emit(_FORM_CODE[form], _NUMBER_OF[expr.function], detail, expr)
+        self._emit(_FORM_CODE[form], NUMBER_OF[expr.function], detail, expr)
         return depth - count + 1
 
     def _patch(self, jump: int) -> None:

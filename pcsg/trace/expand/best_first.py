@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.geometry.collapse import half_area
-from pcsg.graph.tape import OK
 from pcsg.jit import njit
 from pcsg.trace.expand.clusters import BOUNDS
 from pcsg.trace.expand.entries import Entries, enter_state
@@ -109,9 +108,9 @@ def fill_best_first(
             return FAULT
         s = _pop(frontier)
         items, matrices, numbers = counters[N_ITEMS], counters[N_MATRICES], counters[N_NUMBERS]
-        status = run_program(programs, table, bits, work, s)
+        is_made = run_program(programs, table, bits, work, s)
         counters[N_WAITING] = 0
-        if status != OK:
+        if not is_made:
             table.first[s] = table.last[s] = -1
             counters[N_ITEMS], counters[N_MATRICES], counters[N_NUMBERS] = items, matrices, numbers
             continue
@@ -121,7 +120,7 @@ def fill_best_first(
                 continue
             child = table.target[i]
             entry, bounds = frontier.entry, frontier.bounds
-            if enter_state(programs, entries, table, child, at, entry, bounds, work.params):
+            if enter_state(entries, table, child, at, entry, bounds):
                 m = table.matrix[i]
                 scale = frontier.scale[s]
                 if m >= 0:

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from pcsg.addresses import CALLED, build_reader, view_words
 from pcsg.geometry.bvh import BuildWork, Hierarchies
 from pcsg.graph.operators import UNION
-from pcsg.graph.tape import OK
 from pcsg.indices import wide
 from pcsg.jit import function_address, njit
 from pcsg.simd import WIDTH, stay_apart
@@ -307,25 +306,23 @@ def _run_levels(words: Words, record: int) -> int:
     records, entry, bounds = suspension.records, suspension.entry, suspension.sizes.bounds
     layout = suspension.layout
     counters = table.counters
-    counters[N_ITEMS] = counters[N_MATRICES] = counters[N_NUMBERS] = 0
+    counters[N_ITEMS] = counters[N_NUMBERS] = 0
+    counters[N_MATRICES] = len(programs.maps) // 12
     counters[N_STATES] = 2
     states = suspension.frames[STAND_INS]
     shown = record >= states
     record -= states if shown else 0
-    program = records.program[record]
-    begin, values = programs.live_at[program], records.n_values * record
-    n = programs.live_at[program + 1] - begin
-    for k in range(n):
-        table.values[k] = records.values[values + k]
+    program, values = wide(records.program[record]), records.n_values * record
     if shown:
-        params = suspension.work.params
+        at = records.entry[record] * entries.programs + program
+        program, at = wide(entries.stand_in[at]), wide(entries.shown_at[at])
+        n = wide(programs.live_at[program + 1] - programs.live_at[program])
         for k in range(n):
-            params[programs.live[begin + k]] = records.values[values + k]
-        program = entries.stand_in[records.entry[record] * entries.programs + program]
-        begin = programs.live_at[program]
-        n = programs.live_at[program + 1] - begin
+            table.values[k] = records.values[values + entries.shown[at + k]]
+    else:
+        n = wide(programs.live_at[program + 1] - programs.live_at[program])
         for k in range(n):
-            table.values[k] = params[programs.live[begin + k]]
+            table.values[k] = records.values[values + k]
     counters[N_VALUES] = n
     table.first[0] = table.last[0] = 0
     table.values_at[1], table.values_at[2] = 0, n
@@ -342,7 +339,7 @@ def _run_levels(words: Words, record: int) -> int:
             return 0
         counters[N_WAITING] = 0
         before = counters[N_STATES]
-        if run_program(programs, table, suspension.bits, suspension.work, s) != OK:
+        if not run_program(programs, table, suspension.bits, suspension.work, s):
             return 0
         suspension.counts[RUNS] += 1
         at = entries.below_at[entry[s] * entries.programs + table.program[s]]
@@ -357,9 +354,7 @@ def _run_levels(words: Words, record: int) -> int:
             references += 1
             if table.kind[i] == STATE:
                 child = table.target[i]
-                enter_state(
-                    programs, entries, table, child, at, entry, bounds, suspension.work.params
-                )
+                enter_state(entries, table, child, at, entry, bounds)
                 at += 1
         s += 1
     # What is empty has a block all the same.

@@ -7,6 +7,8 @@ is follows from the state's own entry and rule, so nothing is looked up.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +19,7 @@ from pcsg.graph.nodes import Leaf, Operation, Selection
 from pcsg.graph.operators import UNION
 from pcsg.graph.parametric_bounds import Sides, bound_rules
 from pcsg.graph.ranges import Ranges
+from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.trace.expand.clusters import BOUNDS
 from pcsg.trace.expand.programs import Programs
@@ -35,12 +38,15 @@ class Entries(NamedTuple):
         Where in `sides` and `below` the numbers of an entry begin whose state has a program; -1
         where that cannot be.
     sides : float64
-        The reach; then for each side the shift, the floor, the number of slots and their numbers.
+        The reach; then for each side the shift, the floor, the number of values and which of the
+        state's own they are.
     below : int32
         Entries of the states that a program leads to, in the order of the text.
     stand_in : int32 (E K,)
         The program that shows what a state looks like from afar, -1 where there is none: a rule of
         the same module that is a few sheets.
+    shown_at, shown : int32 (E K,), int32
+        Where in `shown` the numbers begin of the state's values that this program is given.
     programs : int
         K.
     """
@@ -50,6 +56,8 @@ class Entries(NamedTuple):
     sides: NDArray[np.float64]
     below: NDArray[np.int32]
     stand_in: NDArray[np.int32]
+    shown_at: NDArray[np.int32]
+    shown: NDArray[np.int32]
     programs: int
 
 
@@ -60,12 +68,16 @@ def pack_entries(ranges: Ranges, programs: Programs) -> Entries:
     number = {key: k for k, key in enumerate(order)}
     count = len(programs.starts)
     # Where the rules of every module begin, by its node.
-    rules_at = dict(zip(programs.modules[3::4].tolist(), programs.modules[1::4], strict=True))
+    rules_at = dict(zip(programs.modules[2::3].tolist(), programs.modules[::3], strict=True))
     sides_at = np.full(len(order) * count, -1, np.int32)
     below_at = np.full(len(order) * count, -1, np.int32)
     stand_in = np.full(len(order) * count, -1, np.int32)
+    shown_at = np.zeros(len(order) * count, np.int32)
     sides: list[float] = []
     below: list[int] = []
+    shown: list[int] = []
+    ends = programs.live_at.tolist()
+    live = [programs.live[a:b].tolist() for a, b in pairwise(ends)]
     for (key, rule), bounds in found.items():
         program = 0
         if key != ranges.root:
@@ -75,16 +87,25 @@ def pack_entries(ranges: Ranges, programs: Programs) -> Entries:
             program = int(programs.rules[rules_at[key[0]] + (rule if chosen else 0)])
         at = number[key] * count + program
         sides_at[at], below_at[at] = len(sides), len(below)
-        sides += _flat(bounds.sides)
+        sides += _flat(bounds.sides, live[program])
         below += [number[k] for k in bounds.below]
         if key != ranges.root and isinstance(node, Selection) and node.select is not None:
-            shown = _find_surface(ranges.graph, node)
-            if shown > 0:
-                other = int(programs.rules[rules_at[key[0]] + shown])
-                if other != program and _knows(programs, program, other):
-                    stand_in[at] = other
-    inner = np.array(below or [0], np.int32)
-    return Entries(sides_at, below_at, np.array(sides), inner, stand_in, count)
+            surface = _find_surface(ranges.graph, node)
+            if surface > 0:
+                other = int(programs.rules[rules_at[key[0]] + surface])
+                if other != program and set(live[other]) <= set(live[program]):
+                    stand_in[at], shown_at[at] = other, len(shown)
+                    shown += [live[program].index(slot) for slot in live[other]]
+    return Entries(
+        sides_at,
+        below_at,
+        np.array(sides),
+        np.array(below or [0], np.int32),
+        stand_in,
+        shown_at,
+        np.array(shown or [0], np.int32),
+        count,
+    )
 
 
 def _find_surface(graph: Graph, node: Selection) -> int:
@@ -109,32 +130,23 @@ def _find_surface(graph: Graph, node: Selection) -> int:
     return 0
 
 
-def _knows(programs: Programs, program: int, other: int) -> bool:
-    """Return whether the states of a program know all values that another one needs."""
-    own, needed = (
-        set(programs.live[programs.live_at[k] : programs.live_at[k + 1]].tolist())
-        for k in (program, other)
-    )
-    return needed <= own
-
-
-def _flat(sides: Sides) -> list[float]:
+def _flat(sides: Sides, live: Sequence[int]) -> list[float]:
+    """Return the numbers of sides; values are told by where they stand among the live ones."""
     numbers = [sides.reach]
     for side in sides.sides:
-        numbers += [side.shift, side.floor, float(len(side.group)), *map(float, side.group)]
+        group = [float(live.index(slot)) for slot in side.group]
+        numbers += [side.shift, side.floor, float(len(group)), *group]
     return numbers
 
 
 @njit
 def enter_state(
-    programs: Programs,
     entries: Entries,
     table: Table,
     state: int,
     at: int,
     entry: NDArray[np.int32],
     bounds: NDArray[np.float64],
-    params: NDArray[np.float64],
 ) -> bool:
     """Find the entry of a state that has none yet, and its bounds.
 
@@ -146,8 +158,6 @@ def enter_state(
         Entries of states, -1 where there is none.
     bounds : float64 (7 N,)
         Of states: box and reach.
-    params : float64 (P,)
-        Working space.
 
     Returns
     -------
@@ -157,42 +167,32 @@ def enter_state(
     if entry[state] >= 0:
         return False
     entry[state] = entries.below[at]
-    bound_state(programs, entries, table, state, entry[state], bounds, params)
+    bound_state(entries, table, state, entry[state], bounds)
     return True
 
 
 @njit
 def bound_state(
-    programs: Programs,
-    entries: Entries,
-    table: Table,
-    state: int,
-    entry: int,
-    bounds: NDArray[np.float64],
-    params: NDArray[np.float64],
+    entries: Entries, table: Table, state: int, entry: int, bounds: NDArray[np.float64]
 ) -> None:
     """Write the bounds of a state, from its values."""
-    program = table.program[state]
-    begin, end = programs.live_at[program], programs.live_at[program + 1]
-    values = table.values_at[state] - begin
-    for k in range(begin, end):
-        params[programs.live[k]] = table.values[values + k]
-    to = BOUNDS * state
-    at = entries.sides_at[entry * entries.programs + program]
+    sides, values = entries.sides, table.values
+    begin, to = wide(table.values_at[state]), BOUNDS * state
+    at = wide(entries.sides_at[entry * entries.programs + table.program[state]])
     if at < 0:
         # The ranges know better than the selection: it will be told when its program runs.
         for i in range(3):
             bounds[to + i], bounds[to + i + 3] = -math.inf, math.inf
         bounds[to + 6] = math.inf
         return
-    bounds[to + 6] = entries.sides[at]
+    bounds[to + 6] = sides[at]
     at += 1
     for i in range(6):
         most = -math.inf
-        n = int(entries.sides[at + 2])
+        n = int(sides[at + 2])
         for k in range(n):
-            x = params[int(entries.sides[at + 3 + k])]
+            x = values[begin + int(sides[at + 3 + k])]
             most = max(most, -x if i < 3 else x)
-        side = max(most + entries.sides[at], entries.sides[at + 1])
+        side = max(most + sides[at], sides[at + 1])
         bounds[to + i] = -side if i < 3 else side
         at += 3 + n

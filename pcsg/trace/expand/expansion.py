@@ -180,7 +180,7 @@ class Expansion:
         """Return working space of the interpreter."""
         programs = self.programs
         return Work(
-            params=np.zeros(programs.n_registers),
+            params=np.concatenate([np.zeros(programs.n_registers), programs.literals]),
             initial=np.array(self._writer.code.initial(self.values)),
             matrices=np.zeros(12 * (programs.n_matrices + 1)),
             stack=np.zeros(programs.n_stack),
@@ -360,11 +360,12 @@ def make_table(programs: Programs, n: int) -> Table:
         **arrays,
         values=np.zeros(2 * (programs.n_items + 1) * programs.n_slots + 8 * n),
         slots=np.full(1 << (4 * n).bit_length(), -1, np.int32),
-        matrices=np.zeros(12 * m),
+        matrices=np.concatenate([programs.maps, np.zeros(12 * m)]),
         numbers=np.zeros(programs.n_items * 64 + 16 * m),
         counters=np.zeros(COUNTERS, np.int64),
     )
     table.module[0] = table.parent[0] = -1
+    table.counters[N_MATRICES] = len(programs.maps) // 12
     return table
 
 

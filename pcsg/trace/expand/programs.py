@@ -1,8 +1,8 @@
 """Rule programs: the right-hand side of every rule as straight code for one small interpreter.
 
 A program follows a right-hand side in the order of the text, as `straight` has it. It runs
-arithmetic on the tape (`pcsg.graph.tape`), composes matrices, and writes an item for every leaf,
-module and operation that it meets.
+`arithmetic`, composes matrices, and writes an item for every leaf, module and operation that it
+meets.
 
 `GraphCode` and `enumerate_states` are the reference in Python, with the same bits.
 """
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,16 +19,15 @@ from numpy.typing import NDArray
 
 from pcsg.errors import UsageError
 from pcsg.graph.attributes import ATTRIBUTE_SLOTS
-from pcsg.graph.code import GraphCode, code_of
-from pcsg.graph.expr import Expr, Number, Parameter, as_expr
+from pcsg.graph.code import GraphCode, code_of, invert_affine
+from pcsg.graph.expr import Expr, Number
 from pcsg.graph.graph import Graph
 from pcsg.graph.liveness import Liveness
 from pcsg.graph.nodes import Attribute, Leaf, Selection, Transformation
-from pcsg.graph.sharing import register, substitute
-from pcsg.graph.tape import Program
 from pcsg.graph.unroll import cuts
 from pcsg.leaf.registry import Model, Solid
 from pcsg.trace.bounding import BALL, CORNERS, SUPPORT
+from pcsg.trace.expand.arithmetic import Arithmetic
 from pcsg.trace.expand.straight import (
     Begin,
     Check,
@@ -43,13 +43,15 @@ from pcsg.trace.expand.straight import (
 )
 from pcsg.trace.pool import ModelPool
 from pcsg.trace.rulebook import ball_of
+from pcsg.vec import IDENTITY, Affine
 
 # Operations of a program's steps.
-STOP, RUN, CHECK, TRANSFORM, CONSTANT, COMPOSE, POP, FRAME, LEAF_STEP, STATE_STEP, BEGIN, END = (
-    range(12)
-)
+STOP, COMPUTE, TRANSFORM, COMPOSE, POP, FRAME, LEAF_STEP, STATE_STEP, BEGIN, END = range(10)
 
-STEP_FIELDS, MODULE_FIELDS, LEAF_FIELDS = 5, 4, 7
+IN_PLACE, PLACED = -1, -2
+"""Matrices of steps that are not constants: none, and the one that was placed last."""
+
+STEP_FIELDS, MODULE_FIELDS, LEAF_FIELDS = 5, 3, 7
 
 # Fields of a leaf.
 L_NODE, L_ARGS, L_CHECKS, L_SOLID, L_SHAPE, L_SHAPE_AT, L_FLAGS = range(LEAF_FIELDS)
@@ -71,18 +73,20 @@ class Programs(NamedTuple):
         First step of every program; the axiom's is number 0.
     live_at, live : int32 (K + 1,), int32
         Where the numbers of the slots begin that are live at the start of a program.
-    modules : int32 (4 M,)
-        Code of the selection function (-1 for none), where its rules begin in `rules`, the
-        largest number of a rule, node.
+    modules : int32 (3 M,)
+        Where its rules begin in `rules`, the largest number of a rule, node.
     rules : int32
         Program of every rule by its number, -1 where there is none. Without a selection function
         the one program stands at number 0.
     sources : int32
-        Where values come from: registers, or -1 - k for a literal. For a module, each after the
-        slot that it goes to.
+        Registers that values come from: of a leaf, its arguments and attributes; of a module, for
+        every rule, the live values of its program.
+    calls : int32
+        For every step that leads to a module, and every rule of it, where in `sources` it begins.
     literals : float64
-    maps : float64 (12,)
-        Constant matrices.
+        What stands behind the registers.
+    maps, inverses : float64 (12 C,)
+        Constant matrices, and their inverses.
     leaves : int32 (7 L,)
         Node, number of the arguments, where their checks begin in
         `checks`, kind of the solid, kind and offset of its bounding shape, flags.
@@ -96,14 +100,12 @@ class Programs(NamedTuple):
         Slots of the attributes, -1 for those that no node assigns.
     below : int32 (K,)
         Flags of the leaves that a program may lead to: IS_SHEET where one is a sheet.
-    code, constants
-        The tape.
-    frame_slot : int
-        First of the 12 slots of world_from_local, -1 without world queries.
+    code : int32
+        See `arithmetic`.
     n_slots, n_registers, n_stack, n_matrices, n_operations, n_items : int
-        Sizes of working space: slots, registers, the tape's stack, nested matrices, nested
-        operations, and items of the longest program. The first registers are the slots as they
-        are given, the next ones as they are passed on.
+        Sizes of working space: slots, registers, arguments of a function, nested matrices, nested
+        operations, and items of the longest program. The first registers are the values that are
+        live at its start.
     """
 
     steps: NDArray[np.int32]
@@ -113,8 +115,10 @@ class Programs(NamedTuple):
     modules: NDArray[np.int32]
     rules: NDArray[np.int32]
     sources: NDArray[np.int32]
+    calls: NDArray[np.int32]
     literals: NDArray[np.float64]
     maps: NDArray[np.float64]
+    inverses: NDArray[np.float64]
     leaves: NDArray[np.int32]
     checks: NDArray[np.float64]
     shapes: NDArray[np.float64]
@@ -122,21 +126,12 @@ class Programs(NamedTuple):
     attributes: NDArray[np.int32]
     below: NDArray[np.int32]
     code: NDArray[np.int32]
-    constants: NDArray[np.float64]
-    frame_slot: int
     n_slots: int
     n_registers: int
     n_stack: int
     n_matrices: int
     n_operations: int
     n_items: int
-
-
-class _Registers(dict[str, int]):
-    """The numbers of registers, by their names."""
-
-    def __missing__(self, name: str) -> int:
-        return int(name[1:])
 
 
 class ProgramWriter:
@@ -178,10 +173,11 @@ class ProgramWriter:
         # a module that are alike have programs of their own, so that states know their rule.
         self._programs: dict[tuple[int, bool, int], int] = {(0, False, 0): 0}
         self._steps: list[int] = []
-        self._sources: list[int] = []
-        self._literals: list[float] = []
-        self._literal_of: dict[str, int] = {}
-        self._maps: list[float] = []
+        self._arithmetic = Arithmetic()
+        self._sources = self._arithmetic.sources
+        self._calls: list[int] = []
+        self._programs_of: list[list[int]] = []
+        self._maps: dict[bytes, int] = {}
         self._leaves: list[int] = []
         self._checks: list[float] = []
         self._shapes: list[float] = []
@@ -189,7 +185,6 @@ class ProgramWriter:
         # Of solids without data: where their checks begin, kind and offset of their shape.
         self._shared: dict[type[Solid], tuple[int, int, int]] = {}
         self._registers = self._matrices = self._operations = self._items = 1
-        self._tape = Program(_Registers(), self.code.frame_slot)
         slots = zip(ATTRIBUTE_SLOTS, self._attribute_slots(), strict=True)
         self._attribute_names = [name for name, slot in slots if slot >= 0]
 
@@ -203,8 +198,9 @@ class ProgramWriter:
             self._write_program(n, opened)
             live += self.liveness.slots[n]
             live_at.append(len(live))
-        tape, constants = self._tape.arrays()
         sheets = self._find_sheets()
+        maps = np.frombuffer(b"".join(self._maps)).reshape(-1, 12)
+        inverses = [invert_affine(Affine(*m.tolist()))[0] for m in maps]
         return Programs(
             steps=np.array(self._steps, np.int32),
             starts=np.array(starts, np.int32),
@@ -212,25 +208,30 @@ class ProgramWriter:
             live=np.array(live or [0], np.int32),
             modules=np.array(modules or [0], np.int32),
             rules=np.array(rules or [0], np.int32),
-            sources=np.array(self._sources or [0], np.int32),
-            literals=np.array(self._literals or [0.0]),
-            maps=np.array(self._maps or [0.0]),
+            sources=self._with_literals(self._sources or [0]),
+            calls=np.array(self._calls or [0], np.int32),
+            literals=np.array(self._arithmetic.literals or [0.0]),
+            maps=maps.ravel(),
+            inverses=np.array(inverses).ravel(),
             leaves=np.array(self._leaves or [0], np.int32),
             checks=np.array(self._checks or [0.0]),
             shapes=np.array(self._shapes or [0.0]),
             fixed=np.array(self._fixed or [0.0]),
             attributes=np.array(self._attribute_slots(), np.int32),
             below=np.array([IS_SHEET * (n in sheets) for n, _, _ in self._programs], np.int32),
-            code=tape,
-            constants=constants,
-            frame_slot=self.code.frame_slot,
+            code=self._with_literals(self._arithmetic.code),
             n_slots=len(self.code.slots),
             n_registers=self._registers,
-            n_stack=max(self._tape.stack_size, 16),
+            n_stack=max(self._arithmetic.most_arguments, 16),
             n_matrices=self._matrices,
             n_operations=self._operations,
             n_items=self._items,
         )
+
+    def _with_literals(self, registers: list[int]) -> NDArray[np.int32]:
+        """Return numbers of registers; of literals, those behind the registers."""
+        numbers = np.array(registers, np.int32)
+        return np.where(numbers < 0, self._registers - 1 - numbers, numbers).astype(np.int32)
 
     def _find_sheets(self) -> set[int]:
         """Return the nodes that are sheets or may lead to one."""
@@ -263,7 +264,7 @@ class ProgramWriter:
         rules: list[int] = []
         for n in self.module_nodes:
             node = self.graph.nodes[n]
-            modules += [-1, len(rules)]
+            modules.append(len(rules))
             if not isinstance(node, Selection):
                 modules += [0, n]
                 rules.append(self._program(n, opened=True))
@@ -278,11 +279,10 @@ class ProgramWriter:
                 modules += [0, n]
                 rules.append(next(iter(numbers.values())))
                 continue
-            # It is asked about what is passed on.
-            values = {name: register(k) for name, k in self.code.slots.items()}
-            modules[-2] = self._tape.add([substitute(as_expr(node.select), values)])
             modules += [max(numbers), n]
             rules += [numbers.get(k, -1) for k in range(max(numbers) + 1)]
+        ends = [*modules[::MODULE_FIELDS], len(rules)]
+        self._programs_of = [rules[a:b] for a, b in pairwise(ends)]
         return modules, rules
 
     def _program(self, n: int, opened: bool = False, alike: int = 0) -> int:
@@ -295,28 +295,36 @@ class ProgramWriter:
             self.code, self.liveness, self._module_of, self.without, self._attribute_names
         )
         straight.follow(start, opened)
-        pending: list[Compute] = []
+        arithmetic = self._arithmetic
+        arithmetic.begin(len(self.liveness.slots[start]), straight.registers)
+        at = arithmetic.position
+        checks: list[Check] = []
         for step in straight.steps:
-            if pending and not (isinstance(step, Compute) and step.frame == pending[0].frame):
-                self._write_code(pending)
-                pending = []
-            if isinstance(step, Compute):
-                pending.append(step)
+            if isinstance(step, Check):
+                checks.append(step)
+            elif isinstance(step, Compute):
+                arithmetic.assign(step.assign.register, step.assign.expr, step.frame)
             else:
+                if isinstance(step, (Place, PushState, PushLeaf)):
+                    at = self._write_code(at, checks)
                 self._write_step(step)
-        self._write_code(pending)
+        # What is assigned on without being used is looked at last.
+        self._write_code(at, checks)
         self._emit(STOP)
-        self._registers = max(self._registers, straight.registers)
+        self._registers = max(self._registers, arithmetic.registers)
         self._matrices = max(self._matrices, straight.matrices)
         self._operations = max(self._operations, straight.operations)
         self._items = max(self._items, straight.items)
 
-    def _write_code(self, steps: list[Compute]) -> None:
-        """Write assignments that see one frame."""
-        if steps:
-            exprs = [step.assign.expr for step in steps]
-            names = [f"r{step.assign.register}" for step in steps]
-            self._emit(RUN, self._tape.add(exprs, names), steps[0].frame)
+    def _write_code(self, begin: int, checks: list[Check]) -> int:
+        """Have arithmetic run that was written since, and checks; return where more begins."""
+        for check in checks:
+            self._arithmetic.check(check.register)
+        checks.clear()
+        if self._arithmetic.position > begin:
+            self._arithmetic.end()
+            self._emit(COMPUTE, begin)
+        return self._arithmetic.position
 
     def _write_step(self, step: Step) -> None:
         graph = self.graph
@@ -324,46 +332,54 @@ class ProgramWriter:
             node = graph.nodes[step.node]
             assert isinstance(node, Leaf)
             leaf = self._leaf(step.node, node)
-            self._emit(LEAF_STEP, leaf, self._write_sources(step.values), 0, step.node)
+            at, matrix = self._write_sources(step.values), self._matrix(step.matrix)
+            self._emit(LEAF_STEP, leaf, at, matrix)
         elif isinstance(step, PushState):
-            at = self._write_sources(step.values, step.slots)
-            self._emit(STATE_STEP, self._module_of[step.node], at, len(step.values))
+            module = self._module_of[step.node]
+            at, matrix = self._write_call(step), self._matrix(step.matrix)
+            self._emit(STATE_STEP, module, at, self._write_sources([step.rule]), matrix)
         elif isinstance(step, Place):
             node = graph.nodes[step.node]
             assert isinstance(node, Transformation)
             at, n = self._write_sources(step.values), len(step.values)
-            self._emit(TRANSFORM, node.transform.kind, at, n, step.node)
+            self._emit(TRANSFORM, node.transform.kind, at, n, self._matrix(step.matrix))
         elif isinstance(step, PlaceConstant):
-            self._emit(CONSTANT if step.is_whole else COMPOSE, len(self._maps) // 12)
-            self._maps += step.matrix
+            self._emit(COMPOSE, self._constant(step.constant))
         elif isinstance(step, Frame):
             self._emit(FRAME, step.source, step.target)
-        elif isinstance(step, Check):
-            self._emit(CHECK, step.register)
         elif isinstance(step, Begin):
             self._emit(BEGIN, step.operator)
         else:
             self._emit(POP if isinstance(step, Pop) else END)
 
-    def _write_sources(self, values: Sequence[Expr], slots: Sequence[int] = ()) -> int:
-        """Write where values come from, each after the slot that it goes to; return where."""
-        at = len(self._sources)
-        for k, value in enumerate(values):
-            if slots:
-                self._sources.append(slots[k])
-            if isinstance(value, Number):
-                self._sources.append(-1 - self._literal(float(value.value)))
-            else:
-                assert isinstance(value, Parameter)
-                self._sources.append(int(value.name[1:]))
-        return at
+    def _write_call(self, step: PushState) -> int:
+        """Write what every program of a module is given; return where in `calls`."""
+        values = dict(zip(step.slots, step.values, strict=True))
+        starts = [n for n, _, _ in self._programs]
+        begin = len(self._calls)
+        written: dict[tuple[int, ...], int] = {}
+        for program in self._programs_of[self._module_of[step.node]]:
+            live = tuple(self.liveness.slots[starts[program]]) if program >= 0 else ()
+            if live not in written:
+                written[live] = self._write_sources([values[slot] for slot in live])
+            self._calls.append(written[live])
+        return begin
 
-    def _literal(self, value: float) -> int:
-        key = value.hex()
-        if key not in self._literal_of:
-            self._literal_of[key] = len(self._literals)
-            self._literals.append(value)
-        return self._literal_of[key]
+    def _matrix(self, matrix: Affine | None) -> int:
+        """Return what a step says of a matrix."""
+        if matrix is None:
+            return PLACED
+        return IN_PLACE if matrix == IDENTITY else self._constant(matrix)
+
+    def _constant(self, matrix: Affine) -> int:
+        """Return the number of a constant matrix."""
+        return self._maps.setdefault(np.array(matrix).tobytes(), len(self._maps))
+
+    def _write_sources(self, values: Sequence[Expr]) -> int:
+        """Write where values come from; return where that stands."""
+        at = len(self._sources)
+        self._sources += [self._arithmetic.operand(value) for value in values]
+        return at
 
     def _emit(self, *step: int) -> None:
         self._steps += [*step, *[0] * (STEP_FIELDS - len(step))]

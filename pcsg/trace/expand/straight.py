@@ -1,22 +1,23 @@
 """The right-hand side of a rule as straight code: what is computed twice is computed once.
 
 A right-hand side is followed with an expression over *registers* for every parameter. What a
-program is given stands in the first registers, one for each slot, and stays there; every value that
-is computed has a register of its own. So nothing is saved and restored between operands, and equal
-terms, which macros write into the text time and again, have one register (`graph.sharing`).
+program is given, the slots that are live at its start, stands in the first registers, and stays
+there; every value that is computed has a register of its own. So nothing is saved and restored
+between operands, and equal terms, which macros write into the text time and again, have one
+register (`graph.sharing`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from pcsg.graph.code import GraphCode, code_of, compose_affine, invert_affine
-from pcsg.graph.expr import Apply, Expr, Number, Parameter, signature
+from pcsg.graph.expr import Apply, Expr, Number, Parameter, as_expr, signature
 from pcsg.graph.graph import FRAME_SLOTS
 from pcsg.graph.liveness import Liveness
-from pcsg.graph.nodes import Calculation, Leaf, Operation, Transformation
+from pcsg.graph.nodes import Calculation, Leaf, Operation, Selection, Transformation
 from pcsg.graph.operators import UNION
 from pcsg.graph.sharing import Assign, register, share_terms, substitute
 from pcsg.jit import plain
@@ -27,32 +28,38 @@ SMALL = 400
 
 
 class PushLeaf(NamedTuple):
-    """A primitive: its node; its arguments, and behind them its attributes."""
+    """A primitive: its node; its arguments, and behind them its attributes; its matrix.
+
+    The matrix of this and of the other steps is None where it is the one that was placed last.
+    """
 
     node: int
     values: tuple[Expr, ...]
+    matrix: Affine | None
 
 
 class PushState(NamedTuple):
-    """A module: its node, and the slots that matter there with their values."""
+    """A module: its node, the slots that matter there with their values, which rule; its matrix."""
 
     node: int
     slots: tuple[int, ...]
     values: tuple[Expr, ...]
+    rule: Expr
+    matrix: Affine | None
 
 
 class Place(NamedTuple):
-    """The matrix becomes that of the world so far times a transformation's."""
+    """The matrix becomes what it was times a transformation's."""
 
     node: int
     values: tuple[Expr, ...]
+    matrix: Affine | None
 
 
 class PlaceConstant(NamedTuple):
-    """The matrix becomes a constant; or what it was times a constant."""
+    """The matrix becomes what was placed last times a constant."""
 
-    matrix: Affine
-    is_whole: bool
+    constant: Affine
 
 
 class Frame(NamedTuple):
@@ -140,10 +147,10 @@ class Straight:
         self.without = without
         self.attributes = attributes
         self.steps: list[Step] = []
-        # Behind the slots as they are given stand those that are passed on.
-        self.registers = 2 * len(code.slots)
+        self.registers = 0
         self.matrices, self.operations, self.items = 1, 0, 0
         self._known: dict[tuple[object, ...], Parameter] = {}
+        self._given = 0
         self._checked: set[int] = set()
         self._small = True
         self._names = tuple(self.slots)
@@ -157,9 +164,13 @@ class Straight:
             Whether to look into the module that it begins with.
         """
         graph = self.graph
-        values = {name: register(k) for name, k in self.slots.items()}
+        given = {slot: k for k, slot in enumerate(self.liveness.slots[start])}
+        self.registers = self._given = len(given)
+        # Of the others nobody asks for the value.
+        nothing = Number(math.nan)
+        values = {n: register(given[k]) if k in given else nothing for n, k in self.slots.items()}
         todo: list[tuple[int, _Scope] | Pop | End] = [
-            (start, _Scope(values, IDENTITY, self.frame_slot))
+            (start, _Scope(values, IDENTITY, given.get(self.frame_slot, -1)))
         ]
         matrices, operations = 1, 0
         while todo:
@@ -181,7 +192,7 @@ class Straight:
             elif isinstance(node, Leaf):
                 args = tuple(self._simple(e, scope) for e in node.args)
                 looks = tuple(scope.values[name] for name in self.attributes)
-                self.steps.append(PushLeaf(n, args + looks))
+                self.steps.append(PushLeaf(n, args + looks, scope.matrix))
                 self.items += 1
             elif isinstance(node, Operation):
                 self.steps.append(Begin(node.operator.kind))
@@ -191,8 +202,11 @@ class Straight:
                 todo.extend((s, scope) for s in reversed(graph.successors[n]))
             elif isinstance(node, Transformation):
                 (s,) = graph.successors[n]
-                matrices += 1
-                todo += [Pop(), (s, self._place(n, s, node, scope))]
+                below = self._place(n, s, node, scope)
+                if below.matrix is None:
+                    matrices += 1
+                    todo.append(Pop())
+                todo.append((s, below))
             else:
                 todo.append((graph.successors[n][0], self._assign(n, scope)))
             opened = opened and n != start
@@ -204,7 +218,10 @@ class Straight:
     def _enter(self, n: int, scope: _Scope) -> None:
         live = self.liveness.slots[n]
         values = tuple(scope.values[self._names[k]] for k in live)
-        self.steps.append(PushState(n, tuple(live), values))
+        node, rule = self.graph.nodes[n], cast(Expr, Number(0.0))
+        if isinstance(node, Selection) and node.select is not None:
+            rule = self._simple(as_expr(node.select), scope)
+        self.steps.append(PushState(n, tuple(live), values, rule, scope.matrix))
         self.items += 1
 
     def _assign(self, n: int, scope: _Scope) -> _Scope:
@@ -225,7 +242,7 @@ class Straight:
 
     def _check(self, k: int) -> None:
         """Have it checked that a slot has a value; what is computed has one."""
-        if k < len(self.slots) and k not in self._checked:
+        if k < self._given and k not in self._checked:
             self._checked.add(k)
             self.steps.append(Check(k))
 
@@ -253,12 +270,11 @@ class Straight:
             constant: Affine = plain(node.transform.kernel)(*numbers)
             if all(map(math.isfinite, constant)) and invert_affine(constant)[1]:
                 if scope.matrix is None:
-                    self.steps.append(PlaceConstant(constant, False))
+                    self.steps.append(PlaceConstant(constant))
                     return scope
                 whole: Affine = compose_affine(scope.matrix, constant)
-                self.steps.append(PlaceConstant(whole, True))
                 return scope._replace(matrix=whole)
-        self.steps.append(Place(n, args))
+        self.steps.append(Place(n, args, scope.matrix))
         scope = scope._replace(matrix=None)
         if not asked:
             return scope

@@ -12,24 +12,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pcsg.graph.tape import OK, UNASSIGNED, run
 from pcsg.graph.transforms import evaluate_transform
+from pcsg.indices import wide
 from pcsg.jit import njit
+from pcsg.trace.expand.arithmetic import compute
 from pcsg.trace.expand.programs import (
     BEGIN,
-    CHECK,
     CHECK_FIELDS,
     COMPOSE,
-    CONSTANT,
+    COMPUTE,
     END,
     FRAME,
+    IN_PLACE,
     L_ARGS,
     L_CHECKS,
     LEAF_FIELDS,
     LEAF_STEP,
     MODULE_FIELDS,
+    PLACED,
     POP,
-    RUN,
     STATE_STEP,
     STEP_FIELDS,
     STOP,
@@ -77,6 +78,7 @@ class Table(NamedTuple):
         state_from_item stands in `matrices` (-1: the identity), where the numbers of a leaf begin,
         and the item behind the last one below.
     matrices : float64 (12,)
+        Constants first.
     numbers : float64
         Arguments of leaves, and behind them the attributes that are assigned somewhere.
     waiting : int32
@@ -109,14 +111,14 @@ class Work(NamedTuple):
 
     Attributes
     ----------
-    params : float64 (R,)
-        Value of every register.
+    params : float64 (R + L,)
+        Value of every register, and literals.
     initial : float64 (P,)
         Values as the axiom sees them.
     matrices : float64 (12 D,)
         Nested matrices.
     stack : float64
-        Of the tape.
+        Arguments of a function.
     open : int32
         Items of operations whose operands are not complete.
     """
@@ -151,16 +153,12 @@ def _intern(
     bits: NDArray[np.uint64],
     module: int,
     program: int,
-    params: NDArray[np.float64],
     parent: int,
 ) -> int:
-    """Return the number of a state; a new one waits for its program to run."""
-    counters, values = table.counters, table.values
+    """Return the number of the state whose values stand behind all others; a new one waits."""
+    counters = table.counters
     at = counters[N_VALUES]
-    begin = programs.live_at[program]
-    n = programs.live_at[program + 1] - begin
-    for k in range(n):
-        values[at + k] = params[programs.n_slots + programs.live[begin + k]]
+    n = programs.live_at[program + 1] - programs.live_at[program]
     mask = np.uint64(len(table.slots) - 1)
     place = hash_values(program, bits, at, n) & mask if mask > _NONE else _NONE
     while mask > _NONE:
@@ -243,7 +241,7 @@ def fill_table(
         counters[N_WAITING] -= 1
         s = table.waiting[counters[N_WAITING]]
         before = counters[N_WAITING]
-        if run_program(programs, table, bits, work, s) != OK:
+        if not run_program(programs, table, bits, work, s):
             return FAULT
         # Depth first, in the order of the text.
         low, high = before, counters[N_WAITING] - 1
@@ -258,140 +256,130 @@ def fill_table(
 @njit
 def run_program(
     programs: Programs, table: Table, bits: NDArray[np.uint64], work: Work, s: int
-) -> int:
-    """Run the program of a state and write its items; return OK or what went wrong."""
+) -> bool:
+    """Run the program of a state and write its items; return False where that cannot be."""
     counters, params, steps = table.counters, work.params, programs.steps
-    sources, stack = programs.sources, work.stack
-    code, constants, offset = programs.code, programs.constants, programs.n_slots
-    program = table.program[s]
-    for k in range(programs.n_slots):
-        params[k] = work.initial[k] if s == 0 else np.nan
-    if s > 0:
-        begin = programs.live_at[program]
-        for k in range(programs.live_at[program + 1] - begin):
-            params[programs.live[begin + k]] = table.values[table.values_at[s] + k]
-    store_affine(work.matrices, 0, IDENTITY)
+    sources, stack, values = programs.sources, work.stack, table.values
+    program = wide(table.program[s])
+    begin = wide(programs.live_at[program])
+    n = wide(programs.live_at[program + 1]) - begin
+    if s == 0:
+        for k in range(n):
+            params[k] = work.initial[programs.live[begin + k]]
+    else:
+        at = wide(table.values_at[s])
+        for k in range(n):
+            params[k] = values[at + k]
     deep = n_open = 0
     table.first[s] = counters[N_ITEMS]
-    at = STEP_FIELDS * programs.starts[program]
+    at = STEP_FIELDS * wide(programs.starts[program])
     while True:
-        op, a, b, c = steps[at], steps[at + 1], steps[at + 2], steps[at + 3]
+        op, a, b = wide(steps[at]), wide(steps[at + 1]), wide(steps[at + 2])
+        c, d = wide(steps[at + 3]), wide(steps[at + 4])
         if op == STOP:
             table.last[s] = counters[N_ITEMS]
-            return OK
-        if op == RUN:
-            status, _ = run(code, constants, a, b, params, 0, stack)
-            if status != OK:
-                return _fail(counters, s, status)
-        elif op == CHECK:
-            if params[a] != params[a]:
-                return _fail(counters, s, UNASSIGNED)
+            return True
+        if op == COMPUTE:
+            if not compute(programs.code, sources, params, stack, a):
+                return _fail(counters, s)
         elif op == TRANSFORM:
             for k in range(c):
-                x = _load(programs, params, sources[b + k])
+                x = params[sources[b + k]]
                 if x != x:
-                    return _fail(counters, s, UNASSIGNED)
+                    return _fail(counters, s)
                 stack[k] = x
             m = evaluate_transform(a, stack)
             _, regular = invert(m)
             if not regular:
-                return _fail(counters, s, FAULT)
+                return _fail(counters, s)
+            outer = IDENTITY
+            if d >= 0:
+                outer = load_affine(programs.maps, 12 * d)
+            elif d == PLACED:
+                outer = load_affine(work.matrices, 12 * deep)
+            m = compose(outer, m)
             deep += 1
-            store_affine(
-                work.matrices, 12 * deep, compose(load_affine(work.matrices, 12 * (deep - 1)), m)
-            )
-        elif op == CONSTANT:
-            deep += 1
-            for k in range(12):
-                work.matrices[12 * deep + k] = programs.maps[12 * a + k]
+            store_affine(work.matrices, 12 * deep, m)
         elif op == COMPOSE:
-            m = load_affine(programs.maps, 12 * a)
+            m = compose(load_affine(work.matrices, 12 * deep), load_affine(programs.maps, 12 * a))
             deep += 1
-            store_affine(
-                work.matrices, 12 * deep, compose(load_affine(work.matrices, 12 * (deep - 1)), m)
-            )
+            store_affine(work.matrices, 12 * deep, m)
         elif op == FRAME:
             # The transformation's own matrix is computed again: it is rarely needed.
             before = at - STEP_FIELDS
             for k in range(steps[before + 3]):
-                stack[k] = _load(programs, params, sources[steps[before + 2] + k])
+                stack[k] = params[sources[steps[before + 2] + k]]
             m = evaluate_transform(steps[before + 1], stack)
             store_affine(params, b, compose(load_affine(params, a), m))
         elif op == POP:
             deep -= 1
         elif op == LEAF_STEP:
             leaf = LEAF_FIELDS * a
-            n = programs.leaves[leaf + L_ARGS]
+            n = wide(programs.leaves[leaf + L_ARGS])
             numbers = counters[N_NUMBERS]
             for k in range(n):
-                x = _load(programs, params, sources[b + k])
+                x = params[sources[b + k]]
                 check = CHECK_FIELDS * (programs.leaves[leaf + L_CHECKS] + k)
                 low = programs.checks[check]
                 above = x > low if programs.checks[check + 2] != 0.0 else x >= low
                 if not (above and x <= programs.checks[check + 1]):
-                    return _fail(counters, s, FAULT)
+                    return _fail(counters, s)
                 table.numbers[numbers + k] = x
             for k in range(N_ATTRIBUTES):
                 if programs.attributes[k] >= 0:
-                    table.numbers[numbers + n] = _load(programs, params, sources[b + n])
+                    table.numbers[numbers + n] = params[sources[b + n]]
                     n += 1
             counters[N_NUMBERS] = numbers + n
-            _add_item(table, LEAF, a, work.matrices, deep, numbers)
+            _add_item(table, LEAF, a, work.matrices, c, deep, numbers)
         elif op == STATE_STEP:
-            for k in range(b, b + 2 * c, 2):
-                params[offset + sources[k]] = _load(programs, params, sources[k + 1])
             module = MODULE_FIELDS * a
-            rule = 0
-            if programs.modules[module] >= 0:
-                selection, frame = programs.modules[module], programs.frame_slot
-                status, _ = run(code, constants, selection, frame, params, offset, stack)
-                if status != OK:
-                    return _fail(counters, s, status)
-                chosen = np.rint(stack[0])
-                if not (chosen >= 0.0 and chosen <= programs.modules[module + 2]):
-                    return _fail(counters, s, FAULT)
-                rule = int(chosen)
-            inner = programs.rules[programs.modules[module + 1] + rule]
+            chosen = np.rint(params[sources[c]])
+            if not (chosen >= 0.0 and chosen <= programs.modules[module + 1]):
+                return _fail(counters, s)
+            rule = int(chosen)
+            inner = wide(programs.rules[programs.modules[module] + rule])
             if inner < 0:
-                return _fail(counters, s, FAULT)
-            child = _intern(programs, table, bits, a, inner, params, s)
-            _add_item(table, STATE, child, work.matrices, deep, -1)
+                return _fail(counters, s)
+            source, to = wide(programs.calls[b + rule]), counters[N_VALUES]
+            for k in range(programs.live_at[inner + 1] - programs.live_at[inner]):
+                values[to + k] = params[sources[source + k]]
+            child = _intern(programs, table, bits, a, inner, s)
+            _add_item(table, STATE, child, work.matrices, d, deep, -1)
         elif op == BEGIN:
             work.open[n_open] = counters[N_ITEMS]
             n_open += 1
-            _add_item(table, OPERATION, a, work.matrices, 0, -1)
+            _add_item(table, OPERATION, a, work.matrices, IN_PLACE, 0, -1)
         elif op == END:
             n_open -= 1
             table.end[work.open[n_open]] = counters[N_ITEMS]
         at += STEP_FIELDS
 
 
-@njit(inline=True)
-def _load(programs: Programs, params: NDArray[np.float64], source: int) -> float:
-    """Return the value of a register, or a literal."""
-    x: float = params[source] if source >= 0 else programs.literals[-1 - source]
-    return x
-
-
 @njit
-def _fail(counters: NDArray[np.int64], state: int, status: int) -> int:
+def _fail(counters: NDArray[np.int64], state: int) -> bool:
     counters[F_STATE] = state
-    return status
+    return False
 
 
 @njit
 def _add_item(
-    table: Table, kind: int, target: int, matrices: NDArray[np.float64], deep: int, numbers: int
+    table: Table,
+    kind: int,
+    target: int,
+    matrices: NDArray[np.float64],
+    matrix: int,
+    deep: int,
+    numbers: int,
 ) -> None:
+    """Write an item whose matrix is a constant, none, or the one that was placed last."""
     counters = table.counters
     i = counters[N_ITEMS]
     table.kind[i], table.target[i], table.numbers_at[i] = kind, target, numbers
     table.end[i] = i + 1
-    table.matrix[i] = -1
-    if deep > 0:
-        m = counters[N_MATRICES]
-        table.matrix[i] = m
+    if matrix == PLACED:
+        matrix = counters[N_MATRICES]
         for k in range(12):
-            table.matrices[12 * m + k] = matrices[12 * deep + k]
-        counters[N_MATRICES] = m + 1
+            table.matrices[12 * matrix + k] = matrices[12 * deep + k]
+        counters[N_MATRICES] = matrix + 1
+    table.matrix[i] = matrix
     counters[N_ITEMS] = i + 1
