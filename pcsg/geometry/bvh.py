@@ -444,19 +444,21 @@ def write_block(
         The run.
     """
     nowhere = np.float32(math.inf)
+    at, planes = WIDTH * block, 6 * WIDTH * block
+    # What is not used is written in one go.
     for k in range(WIDTH):
-        place = 6 * WIDTH * block + k
-        if k < count:
-            out.refs[WIDTH * block + k] = codes[first + k]
-            for j in range(3):
-                at = 6 * (first + k) + j
-                out.boxes[place + WIDTH * j] = _round_down(boxes[at])
-                out.boxes[place + WIDTH * (j + 3)] = _round_up(boxes[at + 3])
-        else:
-            out.refs[WIDTH * block + k] = EMPTY
-            for j in range(3):
-                out.boxes[place + WIDTH * j] = nowhere
-                out.boxes[place + WIDTH * (j + 3)] = -nowhere
+        out.refs[at + k] = EMPTY
+    for k in range(3 * WIDTH):
+        out.boxes[planes + k] = nowhere
+    for k in range(3 * WIDTH, 6 * WIDTH):
+        out.boxes[planes + k] = -nowhere
+    for k in range(count):
+        out.refs[at + k] = codes[first + k]
+        item = 6 * (first + k)
+        for j in range(3):
+            place = planes + WIDTH * j + k
+            out.boxes[place] = _round_down(boxes[item + j])
+            out.boxes[place + 3 * WIDTH] = _round_up(boxes[item + 3 + j])
 
 
 @njit

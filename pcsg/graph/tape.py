@@ -43,7 +43,9 @@ NUMBER_OF = {f.name: k for fs in _BY_FORM.values() for k, f in enumerate(fs)}
 """The number of every function among those of its form."""
 
 call_unary = build_ladder("unary", "f", ["a"], [f.kernel for f in _BY_FORM[Form.UNARY]], "a")
-call_binary = build_ladder("binary", "f", ["a", "b"], [f.kernel for f in _BY_FORM[Form.BINARY]], "a")
+call_binary = build_ladder(
+    "binary", "f", ["a", "b"], [f.kernel for f in _BY_FORM[Form.BINARY]], "a"
+)
 call_ternary = build_ladder(
     "ternary", "f", ["a", "b", "c"], [f.kernel for f in _BY_FORM[Form.TERNARY]], "a"
 )

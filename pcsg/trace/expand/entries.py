@@ -7,7 +7,6 @@ is follows from the state's own entry and rule, so nothing is looked up.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from pcsg.graph.graph import Graph
 from pcsg.graph.nodes import Leaf, Operation, Selection
 from pcsg.graph.operators import UNION
-from pcsg.graph.parametric_bounds import Sides, bound_rules
+from pcsg.graph.parametric_bounds import bound_rules
 from pcsg.graph.ranges import Ranges
 from pcsg.indices import wide
 from pcsg.jit import njit
@@ -34,12 +33,13 @@ class Entries(NamedTuple):
 
     Attributes
     ----------
-    sides_at, below_at : int32 (E K,)
-        Where in `sides` and `below` the numbers of an entry begin whose state has a program; -1
-        where that cannot be.
+    sides_at, groups_at, below_at : int32 (E K,)
+        Where in `sides`, `groups` and `below` the numbers of an entry begin whose state has a
+        program; -1 where that cannot be.
     sides : float64
-        The reach; then for each side the shift, the floor, the number of values and which of the
-        state's own they are.
+        The reach; then shift and floor of each side.
+    groups : int32
+        For each side the number of values and which of the state's own they are.
     below : int32
         Entries of the states that a program leads to, in the order of the text.
     stand_in : int32 (E K,)
@@ -52,8 +52,10 @@ class Entries(NamedTuple):
     """
 
     sides_at: NDArray[np.int32]
+    groups_at: NDArray[np.int32]
     below_at: NDArray[np.int32]
     sides: NDArray[np.float64]
+    groups: NDArray[np.int32]
     below: NDArray[np.int32]
     stand_in: NDArray[np.int32]
     shown_at: NDArray[np.int32]
@@ -69,11 +71,12 @@ def pack_entries(ranges: Ranges, programs: Programs) -> Entries:
     count = len(programs.starts)
     # Where the rules of every module begin, by its node.
     rules_at = dict(zip(programs.modules[2::3].tolist(), programs.modules[::3], strict=True))
-    sides_at = np.full(len(order) * count, -1, np.int32)
+    sides_at, groups_at = np.full((2, len(order) * count), -1, np.int32)
     below_at = np.full(len(order) * count, -1, np.int32)
     stand_in = np.full(len(order) * count, -1, np.int32)
     shown_at = np.zeros(len(order) * count, np.int32)
     sides: list[float] = []
+    groups: list[int] = []
     below: list[int] = []
     shown: list[int] = []
     ends = programs.live_at.tolist()
@@ -86,8 +89,11 @@ def pack_entries(ranges: Ranges, programs: Programs) -> Entries:
             chosen = isinstance(node, Selection) and node.select is not None
             program = int(programs.rules[rules_at[key[0]] + (rule if chosen else 0)])
         at = number[key] * count + program
-        sides_at[at], below_at[at] = len(sides), len(below)
-        sides += _flat(bounds.sides, live[program])
+        sides_at[at], groups_at[at], below_at[at] = len(sides), len(groups), len(below)
+        sides.append(bounds.sides.reach)
+        for side in bounds.sides.sides:
+            sides += side.shift, side.floor
+            groups += len(side.group), *(live[program].index(slot) for slot in side.group)
         below += [number[k] for k in bounds.below]
         if key != ranges.root and isinstance(node, Selection) and node.select is not None:
             surface = _find_surface(ranges.graph, node)
@@ -98,8 +104,10 @@ def pack_entries(ranges: Ranges, programs: Programs) -> Entries:
                     shown += [live[program].index(slot) for slot in live[other]]
     return Entries(
         sides_at,
+        groups_at,
         below_at,
         np.array(sides),
+        np.array(groups, np.int32),
         np.array(below or [0], np.int32),
         stand_in,
         shown_at,
@@ -128,15 +136,6 @@ def _find_surface(graph: Graph, node: Selection) -> int:
             if 0 < len(leaves) <= _FEW and all(x.is_sheet and not x.constants for x in leaves):
                 return number
     return 0
-
-
-def _flat(sides: Sides, live: Sequence[int]) -> list[float]:
-    """Return the numbers of sides; values are told by where they stand among the live ones."""
-    numbers = [sides.reach]
-    for side in sides.sides:
-        group = [float(live.index(slot)) for slot in side.group]
-        numbers += [side.shift, side.floor, float(len(group)), *group]
-    return numbers
 
 
 @njit
@@ -176,9 +175,10 @@ def bound_state(
     entries: Entries, table: Table, state: int, entry: int, bounds: NDArray[np.float64]
 ) -> None:
     """Write the bounds of a state, from its values."""
-    sides, values = entries.sides, table.values
+    sides, groups, values = entries.sides, entries.groups, table.values
     begin, to = wide(table.values_at[state]), BOUNDS * state
-    at = wide(entries.sides_at[entry * entries.programs + table.program[state]])
+    own = entry * entries.programs + wide(table.program[state])
+    at, group = wide(entries.sides_at[own]), wide(entries.groups_at[own])
     if at < 0:
         # The ranges know better than the selection: it will be told when its program runs.
         for i in range(3):
@@ -186,13 +186,12 @@ def bound_state(
         bounds[to + 6] = math.inf
         return
     bounds[to + 6] = sides[at]
-    at += 1
     for i in range(6):
+        sign = -1.0 if i < 3 else 1.0
         most = -math.inf
-        n = int(sides[at + 2])
-        for k in range(n):
-            x = values[begin + int(sides[at + 3 + k])]
-            most = max(most, -x if i < 3 else x)
-        side = max(most + sides[at], sides[at + 1])
-        bounds[to + i] = -side if i < 3 else side
-        at += 3 + n
+        n = wide(groups[group])
+        for k in range(group + 1, group + 1 + n):
+            most = max(most, sign * values[begin + groups[k]])
+        group += 1 + n
+        bounds[to + i] = sign * max(most + sides[at + 1], sides[at + 2])
+        at += 2

@@ -253,7 +253,7 @@ def fill_table(
     return GO_ON
 
 
-@njit
+@njit(inline=True)
 def run_program(
     programs: Programs, table: Table, bits: NDArray[np.uint64], work: Work, s: int
 ) -> bool:

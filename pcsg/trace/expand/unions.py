@@ -71,8 +71,12 @@ def lay_out_union(
             store_affine(matrices, 12 * top, m)
             top += 1
             continue
-        inverse, _ = invert(m)
-        store_affine(layout.matrices, 12 * row, inverse)
+        at = 12 * wide(table.matrix[i])
+        if top == 1 and 0 <= at < len(programs.inverses):
+            store_affine(layout.matrices, 12 * row, load_affine(programs.inverses, at))
+        else:
+            inverse, _ = invert(m)
+            store_affine(layout.matrices, 12 * row, inverse)
         for k in range(6):
             layout.boxes[6 * row + k] = work.box[k]
         row += 1
