@@ -159,7 +159,7 @@ class _Apply(NamedTuple):
 
     expr: Apply
     target: int
-    count: int
+    arity: int
 
 
 class _Branch(NamedTuple):
@@ -318,8 +318,8 @@ class Arithmetic:
 
     def _apply(self, step: _Apply, known: list[int], frame: int) -> None:
         """Write the instruction of a function whose arguments are known."""
-        name, operands = step.expr.function, known[-step.count :]
-        del known[-step.count :]
+        name, operands = step.expr.function, known[-step.arity :]
+        del known[-step.arity :]
         known.append(step.target)
         if name in _PROPAGATING:
             self._emit(_PROPAGATING[name], step.target, *operands)
