@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import expressions
 
+from pcsg.graph.columns import Column, look_up
 from pcsg.graph.expr import Expr, Number, P, and_, call, if_, or_
 from pcsg.graph.graph import FRAME_SLOTS
 from pcsg.graph.sharing import register, substitute
@@ -38,7 +39,8 @@ def by_instructions(exprs: Sequence[Expr], given: Sequence[float]) -> bytes | No
     )
     params = np.array([*given, *[0.0] * (n - len(given)), *written.literals])
     stack = np.zeros(max(16, written.most_arguments))
-    if not compute(code, sources, params, stack, 0):
+    columns = np.concatenate([np.zeros(0), *(c.values for c in written.columns)])
+    if not compute(code, sources, columns, params, stack, 0):
         return None
     return params[TARGET : TARGET + len(exprs)].tobytes()
 
@@ -81,6 +83,7 @@ def test_values_and_faults(
         -P.a,
         P.a + 1,
         P.a,
+        look_up(Column("c", np.array([1.0])), P.a),
     ],
     ids=str,
 )
@@ -89,6 +92,18 @@ def test_what_has_no_value_is_a_fault_where_it_is_asked_for(expr: Expr) -> None:
     # What one branch asks for says nothing of what comes behind it.
     for exprs in ([expr], [if_(P.b - 1, P.a + 1, 5), expr], [expr, P.b + P.c]):
         assert by_instructions(exprs, given) == by_tape(exprs, given)
+
+
+def test_columns() -> None:
+    left, right = (Column(n, np.array(v)) for n, v in (("l", [3.0, 4.0]), ("r", [5.0, 6.0, 7.0])))
+    for row in (0.0, 0.9, 1.0, 1.5, 2.0, 2.1, 3.0, 3.5, -1.0):
+        given = [row, 0.0, 0.0, *FRAME]
+        for exprs in (
+            [look_up(left, P.a)],
+            [look_up(right, P.a), look_up(left, P.a * 0 + 2)],
+            [look_up(right, P.a) + look_up(right, P.a + 0.0)],
+        ):
+            assert by_instructions(exprs, given) == by_tape(exprs, given)
 
 
 def test_long_sums_take_no_recursion() -> None:

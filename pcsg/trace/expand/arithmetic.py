@@ -7,11 +7,13 @@ of `pcsg.graph.tape`, whose results are the same bit for bit.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pcsg.graph.columns import Column, Lookup
 from pcsg.graph.expr import Apply, Expr, Number, Parameter
 from pcsg.graph.functions import FUNCTIONS, Form
 from pcsg.graph.tape import (
@@ -46,12 +48,13 @@ _ONE, _TWO, _THREE, _FOUR, _FIVE = (np.uint64(k) for k in (1, 2, 3, 4, FIELDS))
     _TERNARY,
     _RANDOM,
     _WORLD,
+    _COLUMN,
     _CHECK,
     _MOVE,
     _TRUTH,
     _JUMP,
     _JUMP_IF_ZERO,
-) = range(17)
+) = range(18)
 
 _PROPAGATING = {"+": _ADD, "-": _SUBTRACT, "*": _MULTIPLY, "/": _DIVIDE, "neg": _NEGATE}
 """Functions that are not a number where an argument is none: what is checked is the result."""
@@ -62,6 +65,7 @@ _OF_FORM = {
     Form.TERNARY: _TERNARY,
     Form.RANDOM: _RANDOM,
     Form.WORLD: _WORLD,
+    Form.COLUMN: _COLUMN,
 }
 
 
@@ -69,6 +73,7 @@ _OF_FORM = {
 def compute(
     code: NDArray[np.int32],
     sources: NDArray[np.int32],
+    columns: NDArray[np.float64],
     params: NDArray[np.float64],
     stack: NDArray[np.float64],
     at: int,
@@ -81,6 +86,8 @@ def compute(
         The instructions, `FIELDS` numbers each.
     sources
         Registers of functions of many arguments.
+    columns
+        Of tables, one behind the other.
     params
         Registers, and the literals behind them.
     stack
@@ -121,6 +128,11 @@ def compute(
             p, q, r = place(sources[a]), place(sources[a + _ONE]), place(sources[a + _TWO])
             point = Vec3(params[p], params[q], params[r])
             x = call_world(function, load_affine(params, wide(b)), point)
+        elif op == _COLUMN:
+            # Rows count from 1.
+            row = params[a]
+            is_there = row >= 1.0 and row <= wide(c)
+            x = columns[place(wide(b) + int(row) - 1)] if is_there else math.nan
         elif op == _CHECK:
             x = params[a]
             if x != x:
@@ -188,6 +200,8 @@ class Arithmetic:
     code, sources, literals
         What has been written. Literal k is ``-1 - k`` until it is known how many registers there
         are.
+    columns
+        Columns of tables that are read, in the order of `compute`.
     registers
         How many the present program uses.
     most_arguments
@@ -198,9 +212,11 @@ class Arithmetic:
         self.code: list[int] = []
         self.sources: list[int] = []
         self.literals: list[float] = []
+        self.columns: list[Column] = []
         self.registers = 0
         self.most_arguments = 0
         self._literal_of: dict[str, int] = {}
+        self._column_at: dict[tuple[str, str], int] = {}
         self._given = 0
         self._sound: set[int] = set()
         self._branches: list[int] = []
@@ -335,8 +351,19 @@ class Arithmetic:
             self.most_arguments = max(self.most_arguments, len(operands))
             rest = (len(operands), step.expr.seeds) if form is Form.RANDOM else (frame, 0)
             self._emit(op, step.target, at, *rest)
+        elif isinstance(step.expr, Lookup):
+            assert step.expr.column is not None
+            begin = self._place_column(step.expr.column)
+            self._emit(op, step.target, *operands, begin, len(step.expr.column))
         else:
             self._emit(op, step.target, *operands)
+
+    def _place_column(self, column: Column) -> int:
+        """Return where a column begins."""
+        if column.key not in self._column_at:
+            self._column_at[column.key] = sum(map(len, self.columns))
+            self.columns.append(column)
+        return self._column_at[column.key]
 
     def _add_register(self) -> int:
         self.registers += 1

@@ -100,7 +100,7 @@ class Programs(NamedTuple):
         Slots of the attributes, -1 for those that no node assigns.
     below : int32 (K,)
         Flags of the leaves that a program may lead to: IS_SHEET where one is a sheet.
-    code : int32
+    code, columns
         See `arithmetic`.
     n_slots, n_registers, n_stack, n_matrices, n_operations, n_items : int
         Sizes of working space: slots, registers, arguments of a function, nested matrices, nested
@@ -126,6 +126,7 @@ class Programs(NamedTuple):
     attributes: NDArray[np.int32]
     below: NDArray[np.int32]
     code: NDArray[np.int32]
+    columns: NDArray[np.float64]
     n_slots: int
     n_registers: int
     n_stack: int
@@ -220,6 +221,7 @@ class ProgramWriter:
             attributes=np.array(self._attribute_slots(), np.int32),
             below=np.array([IS_SHEET * (n in sheets) for n, _, _ in self._programs], np.int32),
             code=self._with_literals(self._arithmetic.code),
+            columns=np.concatenate([np.zeros(0), *(c.values for c in self._arithmetic.columns)]),
             n_slots=len(self.code.slots),
             n_registers=self._registers,
             n_stack=max(self._arithmetic.most_arguments, 16),

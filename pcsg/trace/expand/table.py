@@ -280,7 +280,7 @@ def run_program(
             table.last[s] = counters[N_ITEMS]
             return True
         if op == COMPUTE:
-            if not compute(programs.code, sources, params, stack, a):
+            if not compute(programs.code, sources, programs.columns, params, stack, a):
                 return _fail(counters, s)
         elif op == TRANSFORM:
             for k in range(c):
