@@ -354,6 +354,14 @@ class Scene:
         """Return the number of every named setting of a kind."""
         return self.graph.numbers_of(kind)
 
+    def reach(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far what is certainly there reaches in directions (N, 3): see `find_reach`."""
+        from pcsg.graph.silhouette import find_reach
+
+        if self._choice.packed is not None:
+            return np.full(len(directions), -math.inf)
+        return find_reach(self._choice.states, directions)
+
     def shining_covers(self, strengths: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return covers of all that shines, float64 (K, `COLUMNS`): see `pcsg.graph.shining`.
 

@@ -276,10 +276,13 @@ class Hulls:
         sides = []
         for i, d in enumerate(_DIRECTIONS):
             known = -INF if floor is None else (-floor[i] if i < 3 else floor[i])
-            w = _transpose(part.outer_from_inner, d)
-            offset = _offset(part.outer_from_inner, d)
-            sides.append(self._search(part.hull, w, offset, known, 0))
+            sides.append(self.support(part, d, known))
         return (-sides[0], -sides[1], -sides[2], sides[3], sides[4], sides[5])
+
+    def support(self, part: Part, d: Direction, known: float = -INF) -> float:
+        """Return the support of a part in an outer direction, but at least what is known."""
+        w = _transpose(part.outer_from_inner, d)
+        return self._search(part.hull, w, _offset(part.outer_from_inner, d), known, 0)
 
     def _search(self, hull: Hull, w: Direction, offset: float, known: float, nested: int) -> float:
         """Return ``offset`` plus the support in direction w, but at least `known`."""

@@ -6,7 +6,7 @@ Boxes tell where things may be; rays tell where they are. World frame as in `cam
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -27,8 +27,16 @@ AZIMUTH = -118.0
 with the default sun at its right shoulder."""
 
 
+Reach = Callable[[Floats], Floats]
+"""Tells how far things certainly reach in directions (N, 3); -inf where it is not known."""
+
+
 def place(
-    values: Mapping[str, Any], bounds: Floats, aspect: float, tracer: Tracer | None = None
+    values: Mapping[str, Any],
+    bounds: Floats,
+    aspect: float,
+    tracer: Tracer | None = None,
+    reach: Reach | None = None,
 ) -> Camera:
     """Return the camera of a setting; what the setting leaves open frames the bounds.
 
@@ -42,6 +50,8 @@ def place(
         Width over height of the picture.
     tracer
         Who shows where in the box the things are; without one, the box as such is framed.
+    reach
+        Who knows of things that rays miss.
 
     Raises
     ------
@@ -59,7 +69,7 @@ def place(
     box = tame(bounds)
     view = _View.of(values, aspect)
     if eye is None and target is None:
-        eye, target, found = _automatic(view, box, tracer)
+        eye, target, found = _automatic(view, box, tracer, reach)
         height = height or found
     elif eye is None:
         eye = _stand_back(view, box, np.asarray(target, float))
@@ -80,7 +90,7 @@ def place(
     )
 
 
-def _automatic(view: _View, box: Floats, tracer: Tracer | None) -> _Framed:
+def _automatic(view: _View, box: Floats, tracer: Tracer | None, reach: Reach | None) -> _Framed:
     """Return the frame of what rays find in a box; of the box, where they find nothing."""
     framed = frame(view, box, corners(box))
     if tracer is None:
@@ -90,7 +100,10 @@ def _automatic(view: _View, box: Floats, tracer: Tracer | None) -> _Framed:
         return framed
     camera = view.camera(frame(view, box, points))
     points = seek_outliers(camera, box, view.aspect, tracer, points)
-    eye, target, height = frame(view, box, points)
+    framed = frame(view, box, points)
+    if reach is not None and _is_cut_off(view, box, framed, reach):
+        framed = frame(view, box, points, reach)
+    eye, target, height = framed
     # Round numbers: the last bits of hits must not move the camera.
     grain = 10.0 ** math.floor(math.log10(float((box[1] - box[0]).max())) - 4)
     eye, target = np.round(eye / grain) * grain, np.round(target / grain) * grain
@@ -307,11 +320,16 @@ CLOSE = 0.005
 """Part of the greatest side: a box that reaches only so far below what was found is right."""
 
 
-def find_lowest(bounds: Floats, tracer: Tracer) -> float:
+def find_lowest(bounds: Floats, tracer: Tracer, reach: Reach | None = None) -> float:
     """Return the height of the lowest point of the things in a box.
 
     The box may be larger than they are: what is cut off counts in it, and that of many states is
     an estimate.
+
+    Parameters
+    ----------
+    reach
+        Who knows of things that rays miss.
     """
     box = tame(bounds)
     low, extent = float(box[0, 2]), float((box[1] - box[0]).max())
@@ -324,6 +342,9 @@ def find_lowest(bounds: Floats, tracer: Tracer) -> float:
         if not len(heights):
             break
         found = min(found, heights.min())
+    known = -math.inf if reach is None else float(reach(np.array([[0.0, 0.0, -1.0]]))[0])
+    if -known < found - CLOSE * extent:
+        return -known
     return float(found) if found < box[1, 2] else low
 
 
@@ -346,38 +367,73 @@ def _below(box: Floats, height: float) -> tuple[Floats, Floats]:
     return origins.reshape(-1, 3), np.repeat(np.eye(3)[:2], len(along), axis=0)
 
 
-def frame(view: _View, box: Floats, points: Floats) -> _Framed:
-    """Return the nearest camera that sees points in a box, well placed.
+def frame(view: _View, box: Floats, points: Floats, reach: Reach | None = None) -> _Framed:
+    """Return the nearest camera that sees points in a box, and all that is known, well placed.
 
     In the camera's axes a point (x, y, z) is inside the picture if |x - ex| <= tx (z - ez), so
     the foremost ez and the middle of what ex is left have a closed form; the same for y.
     """
-    towards = default_direction(box)
-    right, upward, forward = basis(towards, np.zeros(3), view.up)
+    axes = _axes(view, box)
     middle = box.mean(axis=0)
-    local = (points - middle) @ np.stack([right, upward, forward]).T
     size = float((box[1] - box[0]).max())
+
+    def farthest(planes: Floats) -> Floats:
+        """Return how far all reaches in directions (N, 3) of the camera's axes."""
+        found = ((points - middle) @ axes.T @ planes.T).max(axis=0)
+        if reach is not None:
+            found = np.maximum(found, _reach(reach, planes, axes, middle))
+        return np.asarray(found)
+
+    depth = float(((points - middle) @ axes[2]).mean())
+    front = -float(farthest(np.array([[0.0, 0.0, -1.0]]))[0])
+    tangent = 0.0 if view.flat else view.tangent
+    planes = _planes(view, tangent * (1 - 2 * MARGIN))
+    above, below = farthest(planes).reshape(2, 2)
+    x, y = (above - below) / 2
+    across = above + below
     if view.flat:
-        low, high = local.min(axis=0), local.max(axis=0)
-        wide, tall = (high - low)[:2] / (1 - 2 * MARGIN)
+        wide, tall = across / (1 - 2 * MARGIN)
         height = max(float(tall), float(wide) / view.aspect, 1e-6 * size)
-        x, y, _ = (low + high) / 2
         # As far away as a perspective camera would be: what is near is not cut off.
-        ez = float(low[2]) - height / (2 * view.tangent) - 1e-3 * size
-        eye = middle + x * right + y * upward + ez * forward
-        return _Framed(eye, eye + (float(local[:, 2].mean()) - ez) * forward, height)
-    ty = view.tangent * (1 - 2 * MARGIN)
-    ez = np.inf
-    place_at = []
-    for axis, tangent in ((0, ty * view.aspect), (1, ty)):
-        above = float((local[:, axis] - tangent * local[:, 2]).max())
-        below = float((-local[:, axis] - tangent * local[:, 2]).max())
-        place_at.append((above - below) / 2)
-        ez = min(ez, -(above + below) / (2 * tangent))
-    ez = min(ez, float(local[:, 2].min()) - 1e-3 * size)
-    eye = middle + place_at[0] * right + place_at[1] * upward + ez * forward
-    depth = float(local[:, 2].mean()) - ez
-    return _Framed(eye, eye + depth * forward, None)
+        ez = front - height / (2 * view.tangent) - 1e-3 * size
+    else:
+        height = None
+        tangents = planes[:2, 2]
+        ez = min(float((across / (2 * tangents)).min()), front - 1e-3 * size)
+    right, upward, forward = axes
+    eye = middle + x * right + y * upward + ez * forward
+    return _Framed(eye, eye + (depth - ez) * forward, height)
+
+
+def _axes(view: _View, box: Floats) -> Floats:
+    """Return the axes of the automatic camera as rows: right, up and forward."""
+    return np.stack(basis(default_direction(box), np.zeros(3), view.up))
+
+
+def _planes(view: _View, tangent: float) -> Floats:
+    """Return the directions square to a picture's edges: right, top, left, bottom."""
+    tx = tangent * view.aspect
+    return np.array(
+        [[1.0, 0.0, -tx], [0.0, 1.0, -tangent], [-1.0, 0.0, -tx], [0.0, -1.0, -tangent]]
+    )
+
+
+def _reach(reach: Reach, planes: Floats, axes: Floats, middle: Floats) -> Floats:
+    """Return how far things reach from the middle in directions of the camera's axes."""
+    directions = planes @ axes
+    return np.asarray(reach(directions) - directions @ middle)
+
+
+def _is_cut_off(view: _View, box: Floats, framed: _Framed, reach: Reach) -> bool:
+    """Return whether things reach far into the margin of a picture, or beyond it."""
+    axes = _axes(view, box)
+    most = 1 - MARGIN
+    planes = _planes(view, 0.0 if view.flat else view.tangent * most)
+    edge = np.zeros(4)
+    if framed.height is not None:
+        half = framed.height / 2 * most
+        edge = np.array([half * view.aspect, half, half * view.aspect, half])
+    return bool((_reach(reach, planes, axes, framed.eye) > edge).any())
 
 
 def _stand_back(view: _View, box: Floats, target: Floats) -> Floats:

@@ -103,7 +103,9 @@ def build_stage(
     materials = Materials(
         scene.setting_values("material"), scene.setting_numbers("texture"), textures, scene.sheets
     )
-    camera = place(_values(scene, "camera", overrides), bounds, width / height, scene.tracer)
+    camera = place(
+        _values(scene, "camera", overrides), bounds, width / height, scene.tracer, scene.reach
+    )
     sun_values, sky_values = (_values(scene, kind, overrides) for kind in ("sun", "sky"))
     sky = make_sky(sky_values, sun_direction(sun_values))
     physical = isinstance(sky, PhysicalSky)
@@ -122,7 +124,7 @@ def build_stage(
         values = _values(scene, "ground", overrides)
         z = values["z"]
         if z is None:
-            z = find_lowest(bounds, scene.tracer) - 1e-6 * extent
+            z = find_lowest(bounds, scene.tracer, scene.reach) - 1e-6 * extent
         number = _material_number(scene, values["material"])
         tracer = GroundedTracer(tracer, float(z), number)
     lights: tuple[Light, ...] = (*((sun,) if sun else ()), *balls)

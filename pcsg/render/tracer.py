@@ -100,6 +100,10 @@ class RenderScene(Protocol):
         """Return the number of every named setting of a kind."""
         ...
 
+    def reach(self, directions: Floats) -> Floats:
+        """Return (N,) how far things certainly reach in directions (N, 3), -inf if unknown."""
+        ...
+
     def shining_covers(self, strengths: Floats) -> Floats:
         """Return (K, `COLUMNS`) covers of all that shines: see `pcsg.graph.shining`.
 

@@ -47,6 +47,10 @@ class Spheres:
     def setting_numbers(self, kind):
         return {v["name"]: k for k, v in enumerate(self.settings.get(kind, [])) if "name" in v}
 
+    def reach(self, directions):
+        along = np.linalg.norm(directions, axis=1)
+        return (directions @ self.centers.T + along[:, None] * self.radii).max(axis=1)
+
     def shining_covers(self, strengths):
         if not (self.material >= 0 and strengths[self.material] > 0):
             return np.empty((0, COLUMNS))

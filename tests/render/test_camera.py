@@ -9,6 +9,7 @@ from spheres import Spheres
 import pcsg
 from pcsg.errors import UsageError
 from pcsg.graph.settings import SETTINGS
+from pcsg.render import framing
 from pcsg.render.camera import Camera, basis
 from pcsg.render.framing import MARGIN, corners, find_lowest, place, tame
 
@@ -184,3 +185,51 @@ def test_the_ground_of_an_exact_box_is_its_lower_side():
     assert find_lowest(scene.bounds, scene.tracer) == scene.bounds[0, 2]
     nothing = np.array([[inf] * 3, [-inf] * 3])
     assert find_lowest(nothing, Spheres([(9, 9, 9)], [1.0])) == -1.0
+
+
+WIRES = (
+    "sphere | move(0,0,1) scale(0.002,0.002,5) cylinder"
+    " | roty(90) scale(0.0005,0.0005,7) cylinder | move(-4,3,0) scale(0.001,0.001,-5) cylinder"
+)
+"""A ball with wires that no ray of the search meets."""
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_wires_that_rays_miss_are_in_the_picture(projection):
+    scene = pcsg.loads(WIRES)
+    values = {**AUTOMATIC, "projection": projection}
+    ends = np.array([[0, 0, 1], [0, 0, 6], [7, 0, 0], [-4, 3, 0], [-4, 3, -5]], dtype=float)
+    missed = []
+    for aspect in (0.5, 1.0, 2.0):
+        camera = place(values, scene.bounds, aspect, scene.tracer, scene.reach)
+        at = framing._project(camera, ends, aspect)
+        assert 1 - 3 * MARGIN < np.abs(at).max() < 1 - MARGIN + 1e-3
+        cut = place(values, scene.bounds, aspect, scene.tracer)
+        missed.append(np.abs(framing._project(cut, ends, aspect)).max() > 1.0)
+    assert any(missed)
+
+
+def test_cameras_of_what_rays_find_stay_where_they_were():
+    scene = pcsg.loads("sphere | move(3,0,0) box")
+    with_reach = place(AUTOMATIC, scene.bounds, 1.0, scene.tracer, scene.reach)
+    assert with_reach == place(AUTOMATIC, scene.bounds, 1.0, scene.tracer)
+
+
+def test_the_ground_lies_below_a_wire_that_hangs_down():
+    # A cut makes the box larger than the things are.
+    scene = pcsg.loads(f"{WIRES} | (uscale(20) box \\ uscale(21) box)")
+    assert find_lowest(scene.bounds, scene.tracer, scene.reach) == pytest.approx(-5.0, abs=1e-3)
+
+
+def test_the_ground_lies_below_a_village_on_hills():
+    scene = pcsg.loads(
+        "{a = 0; n = 300} S\n"
+        "S if(n > 1, 2, 1)\n"
+        "1: S -> {x = 100*rand(a,1); y = 100*rand(a,2)} move(x, y, 12*sin(x/2)*cos(y/3)) house\n"
+        "2: S -> {n = floor(n/2)} S | {a = a + floor(n/2); n = n - floor(n/2)} S\n"
+        "house = move(0,0,1) box | move(0,0,2) cone\n"
+    )
+    lowest = find_lowest(scene.bounds, scene.tracer, scene.reach)
+    assert lowest == pytest.approx(scene.bounds[0, 2], abs=0.005 * 100)
+    image = pcsg.render(scene, (80, 60), 1, ground={})
+    assert (image.leaf == -2).mean() > 0.3
