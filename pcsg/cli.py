@@ -325,6 +325,67 @@ def animate(
 
 @app.command()
 @guard
+def view(
+    file: Annotated[
+        str,
+        typer.Argument(metavar="FILE", help="A grammar, or a name: of a species, of the gallery."),
+    ],
+    port: Annotated[
+        int, typer.Option(help="Listen at this port; by default at any that is free.")
+    ] = 0,
+    host: Annotated[str, typer.Option(help="Listen at this address.")] = "127.0.0.1",
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="Let others on the network reach it unencrypted.")
+    ] = False,
+    certificate: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Encrypt with this certificate (PEM).")
+    ] = None,
+    key: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The certificate's key, if it is elsewhere.")
+    ] = None,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address only.")
+    ] = False,
+    assignments: Assignments = [],  # noqa: B006 - typer copies defaults
+    seed: Seed = None,
+    time: Time = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(
+            help="Set the number of threads; by default one per processor.", show_default=False
+        ),
+    ] = None,
+    include: Include = [],  # noqa: B006 - typer copies defaults
+    max_memory: MaxMemory = None,
+    block_memory: BlockMemory = None,
+    engine: EngineName = "auto",
+) -> None:
+    """Show a grammar in the browser, live: turn it, change it, ask it."""
+    from pcsg.commands.view import ViewArguments, run
+
+    run(
+        ViewArguments(
+            file=file,
+            port=port,
+            host=host,
+            insecure=insecure,
+            certificate=certificate,
+            key=key,
+            browser=not no_browser,
+            assignments=assignments,
+            seed=seed,
+            time=time,
+            threads=threads,
+            include=include,
+            max_memory=max_memory,
+            block_memory=block_memory,
+            engine=engine,
+        )
+    )
+
+
+@app.command()
+@guard
 def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the new grammar.")],
 ) -> None:

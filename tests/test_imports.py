@@ -46,7 +46,7 @@ FLOORS: list[set[str]] = [
     {"grammar", "trace"},
     {"render", "contouring"},
     {"scene"},
-    {"cli", "commands", "__main__"},
+    {"cli", "commands", "view", "__main__"},
 ]
 # The lowest floor and the highest are one thing each.
 NEIGHBOURS = [FLOORS[0], FLOORS[-1]]
@@ -82,7 +82,7 @@ def may_import(user: str, used: str) -> bool:
         return True
     if any({user, used} <= floor for floor in NEIGHBOURS):
         return True
-    if used in ASKED_FOR and user not in {"scene", "cli", "commands", "__main__"}:
+    if used in ASKED_FOR and user not in {"scene", "cli", "commands", "view", "__main__"}:
         return False
     return FLOOR_OF[used] < FLOOR_OF[user]
 

@@ -29,6 +29,7 @@ EXTRAS = {
     "scipy": ("SciPy", "mesh"),
     "skimage": ("scikit-image", "mesh"),
     "OpenEXR": ("OpenEXR", "exr"),
+    "websockets": ("websockets", "view"),
 }
 """Packages that only some verbs need: what they are called, and the extra that brings them."""
 

@@ -323,6 +323,35 @@ class _Unroller:
         )
 
 
+class StatesOnDemand:
+    """States of a graph that are made one by one, as somebody comes to them.
+
+    Attributes
+    ----------
+    states
+        Those that are known; the axiom is the first.
+    """
+
+    def __init__(self, graph: Graph, globals_values: Mapping[str, float]) -> None:
+        self._unroller = _Unroller(graph, globals_values, BUDGET)
+        self.states = self._unroller.found.states
+
+    def content(self, k: int) -> tuple[Item, ...]:
+        """Return what a state consists of."""
+        state = self.states[k]
+        if state.content is None:
+            self._unroller._expand(k)
+        assert state.content is not None
+        return state.content
+
+    def values(self, k: int) -> dict[str, float]:
+        """Return the values of the grammar's parameters that are live in a state."""
+        state, names = self.states[k], list(self._unroller.code.slots)
+        slots = self._unroller.liveness.slots[state.start]
+        pairs = zip((names[slot] for slot in slots), state.values, strict=False)
+        return {name: x for name, x in pairs if not name.startswith("@") and x == x}
+
+
 def _varies(node: Leaf) -> bool:
     """Return whether the numbers of a leaf depend on the place."""
     return asks_world(*node.args) or bool(parameters_of(*node.args))

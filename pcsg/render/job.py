@@ -113,14 +113,22 @@ class Job:
         How.
     metadata
         Texts that go into the picture's file besides what describes scene and options.
+    stage
+        What `build_stage` returns for them, where it is known already.
     """
 
     def __init__(
-        self, scene: RenderScene, options: Options, metadata: Mapping[str, str] | None = None
+        self,
+        scene: RenderScene,
+        options: Options,
+        metadata: Mapping[str, str] | None = None,
+        stage: Stage | None = None,
     ) -> None:
         options = options.validate()
         self.options = options
-        self.stage = build_stage(scene, options.size, options.overrides, options.detail)
+        if stage is None:
+            stage = build_stage(scene, options.size, options.overrides, options.detail)
+        self.stage = stage
         first, last = options.film_rows
         rare = self.stage.mode == "path"
         size = options.size[0], last - first
@@ -160,6 +168,8 @@ class Job:
             A ray met a fault in the grammar. What was done is kept.
         KeyboardInterrupt
             Likewise, within a second or so; batches that have begun are dropped.
+        Stopped
+            `stop` was called. What was done is kept.
         """
         clock = _Clock(self.progress, pause, every)
         threads = self.options.threads or processors()
@@ -181,6 +191,10 @@ class Job:
                 self._stop.set()
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise
+
+    def stop(self) -> None:
+        """Let `run` end soon with `Stopped`, for good; to be called from another thread."""
+        self._stop.set()
 
     def image(self) -> Image:
         """Return the picture so far; pixels without samples are transparent."""
@@ -312,6 +326,8 @@ class Job:
                 samples, rays = future.result()
                 self.progress.samples += samples
                 self.progress.rays += rays
+            if self._stop.is_set():
+                raise Stopped
             clock.tick()
             if report:
                 report(self.progress)

@@ -205,6 +205,10 @@ class GroundedTracer:
         self.z = z
         self.material = material
 
+    def around(self, inner: Tracer) -> GroundedTracer:
+        """Return the same plane with something else standing on it."""
+        return GroundedTracer(inner, self.z, self.material)
+
     def _crossing(
         self, origins: Floats, directions: Floats, t_min: float | Floats, t_max: float | Floats
     ) -> Floats:

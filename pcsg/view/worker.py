@@ -1,0 +1,302 @@
+"""A process that keeps one scene and makes pictures of it, as one page wants them.
+
+It may be killed at any moment, and ends when the server does: an endless grammar, one that eats
+memory, and a crash take this process only.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcsg.commands.parent import follow_pool
+from pcsg.errors import PcsgError
+from pcsg.render.job import Job
+from pcsg.render.options import Options
+from pcsg.render.progressive import UNKNOWN_PACE, Frame, Progressive
+from pcsg.trace.preparing import watched
+from pcsg.trace.rays import Stopped
+from pcsg.view.answering import answer
+from pcsg.view.encoding import color_layer, encode, lay_over, sample_depth
+from pcsg.view.inbox import Inbox, Message
+from pcsg.view.opening import (
+    Limits,
+    Opened,
+    Prepared,
+    describe_error,
+    files_in,
+    open_grammar,
+    overrides_of,
+)
+from pcsg.view.wants import Question, Want
+
+FAILURES = (PcsgError, MemoryError, RecursionError, OSError, ArithmeticError, ValueError)
+"""What may go wrong with a scene; the page tells it."""
+
+TOLD_EVERY = 0.3
+"""Seconds between two words about how far a preparation is."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture for a page.
+
+    Attributes
+    ----------
+    head
+        What is said about it.
+    depth
+        Distances (rows, columns).
+    data
+        The bytes of a file.
+    place
+        Of the page: a newer picture for it makes this one useless.
+    """
+
+    head: dict[str, Any]
+    depth: NDArray[np.float32]
+    data: bytes
+    place: str = "picture"
+
+
+Send = Callable[[Any], None]
+
+
+def serve(connection: Connection, path: str, limits: Limits) -> None:
+    """Make pictures until the connection ends: the whole life of the process."""
+    follow_pool()
+    os.nice(1)  # the page itself comes first
+    worker = Worker(connection.send, Path(path), limits)
+    inbox = Inbox(connection, worker.interrupt)
+    worker.inbox = inbox
+    while (news := inbox.take()) is not None:
+        want, messages = news
+        try:
+            connection.send({"type": "taken"})
+            worker.answer(messages)
+            if want is not None and not worker.rests:
+                worker.show(want)
+        except (BrokenPipeError, ConnectionResetError):
+            return
+
+
+class Worker:
+    """What the process knows.
+
+    Parameters
+    ----------
+    send
+        Takes dictionaries and pictures for the page.
+    path
+        The grammar.
+    limits
+        What a scene may take.
+
+    Attributes
+    ----------
+    rests
+        Whether nobody looks.
+    """
+
+    inbox: Inbox
+
+    def __init__(self, send: Send, path: Path, limits: Limits) -> None:
+        self._send, self._path, self._limits = send, path, limits
+        self._is_stale = True
+        self._opened: Opened | None = None
+        self._prepared: Prepared | None = None
+        self._progressive: Progressive | None = None
+        # What cannot be prepared, so that it is not tried for every step of the camera.
+        self._refused: tuple[Opened, Mapping[str, float]] | None = None
+        self._shown: Want | None = None
+        self._below: NDArray[np.uint8] | None = None
+        self._job: Job | None = None
+        self._file_is_due = False
+        self.rests = False
+
+    def interrupt(self) -> None:
+        """End the picture in the making; called from another thread."""
+        if self._progressive is not None:
+            self._progressive.interrupt()
+
+    def answer(self, messages: list[Message]) -> None:
+        """Do what was asked besides the picture."""
+        for message in messages:
+            if message.word == "reload":
+                self._is_stale = True
+            elif message.word == "again":
+                self.rests, self._shown, self._refused = False, None, None
+                self._tell_scene(0.0)
+            elif message.word == "rest":
+                self.rests = True
+            elif message.word == "ask":
+                self._answer(message.content)
+            elif message.word == "file":
+                self._file_is_due = True
+                self._send_file()
+
+    def _answer(self, question: Question) -> None:
+        if self._prepared is None:
+            return
+        try:
+            self._send(answer(self._prepared, question))
+        except PcsgError as error:
+            self._tell_errors(error)
+
+    def _send_file(self) -> None:
+        """Send the picture as the file that ``pcsg render`` writes, once it is done."""
+        if not self._file_is_due or self._shown is None or self._job is None:
+            return
+        self._file_is_due = False
+        picture = self._job.image()
+        name = f"{self._path.stem}.png"
+        head = {"type": "file", "kind": "image/png", "name": name}
+        self._send(Picture(head, np.zeros((0, 0), np.float32), picture._repr_png_(), "file"))
+
+    def show(self, want: Want) -> None:
+        """Show what a page wants, unless it has it.
+
+        Where the grammar is wrong, or has no picture for the values, the last good one stays and
+        can be looked at from all sides.
+        """
+        wanted, before = replace(want, number=0, moving=False), self._prepared
+        if self._shown == wanted and not self._is_stale:
+            return
+        with self._telling_errors():
+            self._prepare(want)
+        if self._prepared is None or (self._prepared is before and self._shown == wanted):
+            return
+        self._shown = None
+        with self._telling_errors():
+            if self._draw(want):
+                self._shown = wanted
+                self._send_file()
+
+    @contextmanager
+    def _telling_errors(self) -> Iterator[None]:
+        """Tell the page what goes wrong within, but not that something newer was wanted."""
+        try:
+            yield
+        except Stopped:
+            return
+        except (BrokenPipeError, ConnectionResetError):
+            raise
+        except FAILURES as error:
+            self._tell_errors(error)
+
+    def _tell_errors(self, error: BaseException) -> None:
+        files = set(self._opened.files) if self._opened else {str(self._path)}
+        files |= files_in(getattr(error, "diagnostics", ()))
+        self._send({"type": "errors", "errors": describe_error(error), "files": sorted(files)})
+
+    def _prepare(self, want: Want) -> None:
+        """Have the scene with the values that are wanted.
+
+        Raises
+        ------
+        PcsgError
+            There is none; the one before stays.
+        """
+        if self._is_stale:
+            self._is_stale = False
+            self._opened = None
+            self._send({"type": "preparing", "share": None})
+            self._opened = open_grammar(self._path, self._limits.include)
+        opened, before = self._opened, self._prepared
+        if opened is None or self._refused == (opened, want.values):
+            return
+        if before is not None and before.opened is opened and before.values == want.values:
+            return
+        self._refused = opened, want.values
+        begin = told = time.perf_counter()
+
+        def report(share: float | None) -> None:
+            nonlocal told
+            if time.perf_counter() - told > TOLD_EVERY:
+                told = time.perf_counter()
+                self._send({"type": "preparing", "share": share})
+
+        self._send({"type": "preparing", "share": None})
+        with watched(report):
+            prepared = Prepared(opened, want.values, self._limits, want.size, self._tell_compiling)
+        self._refused = None
+        self._prepared = prepared
+        self._below = None
+        self._progressive = Progressive(
+            prepared.scene,
+            prepared.stage_for(want),
+            {},
+            lambda: self.inbox.superseded,
+            self._limits.threads,
+            UNKNOWN_PACE if self._progressive is None else self._progressive.pace,
+        )
+        self._tell_scene(time.perf_counter() - begin)
+
+    def _tell_compiling(self) -> None:
+        self._send({"type": "preparing", "share": None, "compiling": True})
+
+    def _tell_scene(self, seconds: float) -> None:
+        if self._prepared is None:
+            return
+        files = list(self._prepared.opened.files)
+        self._send({"type": "scene", **self._prepared.describe(), "files": files, "took": seconds})
+
+    def _draw(self, want: Want) -> bool:
+        """Draw what is wanted; return whether nothing finer is to come."""
+        assert self._prepared is not None
+        assert self._progressive is not None
+        overrides = overrides_of(want.camera, want.mode)
+        self._progressive.turn(self._prepared.stage_for(want), overrides)
+        options = Options(
+            want.size,
+            want.samples,
+            threads=self._limits.threads,
+            max_memory=self._limits.max_memory,
+        )
+        if want.moving:
+            self.inbox.begin_glance()
+            try:
+                frame = self._progressive.glance(options)
+            finally:
+                self.inbox.end_glance()
+            self._send_frame(frame, want)
+            return False
+        self._job = self._progressive.refine(options, lambda frame: self._send_frame(frame, want))
+        return True
+
+    def _send_frame(self, frame: Frame, want: Want) -> None:
+        pixels = lay_over(color_layer(frame.image, want.layer), self._below)
+        if frame.divisor > 1 or frame.done:
+            self._below = pixels
+        data, kind = encode(pixels, frame.done)
+        depth = sample_depth(frame.image)
+        camera = frame.stage.camera
+        head = {
+            "type": "frame",
+            "number": want.number,
+            "kind": kind,
+            "grid": [depth.shape[1], depth.shape[0]],
+            "camera": {
+                "eye": camera.eye,
+                "target": camera.target,
+                "up": camera.up,
+                "fov": camera.fov,
+            },
+            "own_camera": not want.camera,
+            "size": want.size,
+            "divisor": frame.divisor,
+            "done": frame.done,
+            "samples": frame.samples,
+            "rays": frame.rays,
+            "seconds": frame.seconds,
+        }
+        self._send(Picture(head, depth, data))
