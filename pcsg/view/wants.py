@@ -22,7 +22,7 @@ MOST_SAMPLES = 4096
 LAYERS = ("picture", "depth", "normal", "albedo", "label", "leaf")
 """What a page may look at."""
 
-_CAMERA = ("eye", "target", "up", "fov")
+_CAMERA = ("eye", "target", "up", "fov", "projection", "height")
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ memory, and a crash take this process only.
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -289,7 +290,9 @@ class Worker:
                 "eye": camera.eye,
                 "target": camera.target,
                 "up": camera.up,
-                "fov": camera.fov,
+                "fov": math.degrees(camera.angle),
+                "projection": camera.projection,
+                "height": camera.height,
             },
             "own_camera": not want.camera,
             "size": want.size,

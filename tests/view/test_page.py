@@ -1,5 +1,6 @@
 """The page in a real browser."""
 
+import base64
 import io
 import sys
 
@@ -7,6 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 from served import open_browser, serving, wait_for
+
+from pcsg.graph.settings import ANGLES
+from pcsg.render.camera import Camera
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="processes are told otherwise")
 pytest.importorskip("websockets", reason="the extra `view` is missing")
@@ -69,8 +73,6 @@ def settle(page, before):
 
 def pixels(page):
     data = page.evaluate("document.getElementById('picture').toDataURL()")
-    import base64
-
     picture = Image.open(io.BytesIO(base64.b64decode(data.partition(",")[2])))
     return np.asarray(picture.convert("RGB")).astype(int)
 
@@ -230,3 +232,15 @@ def test_layers_are_shown_and_narrow_dark_windows_fit(page):
     page.set_viewport_size({"width": 360, "height": 640})
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(21, 24, 20)"
+
+
+@pytest.mark.parametrize("projection", sorted(ANGLES))
+def test_the_page_sends_rays_where_the_renderer_does(page, projection):
+    camera = Camera((1.0, 2.0, 3.0), (0.0, 0.5, 1.0), fov=30.0, projection=projection)
+    sent = {key: getattr(camera, key) for key in ("eye", "target", "up", "fov", "projection")}
+    found = page.evaluate(
+        "async (camera) => (await import('/vectors.js')).ray(camera, [0.3, 0.6], 1.5)", sent
+    )
+    origins, directions = camera.rays(np.array([0.45]), np.array([0.6]), (1.5, 1.0))
+    assert np.allclose(found["origin"], origins[0], rtol=0, atol=1e-12)
+    assert np.allclose(found["direction"], directions[0], rtol=0, atol=1e-12)

@@ -1,6 +1,6 @@
 // What hands do to a camera: turn, slide, zoom, fly. Every function returns a new one.
 
-import { add, axes, cross, dot, mul, size, sub, turn, unit } from "./vectors.js";
+import { add, axes, cross, dot, mul, size, sub, tall, turn, unit } from "./vectors.js";
 
 const STEEPEST = (89.5 * Math.PI) / 180;
 
@@ -17,7 +17,7 @@ export function orbit(camera, pivot, sideways, upwards) {
 // Slide by shares of the picture's height, so that what is at a distance follows the hand.
 export function slide(camera, distance, right, up) {
   const a = axes(camera);
-  const scale = 2 * distance * Math.tan((camera.fov * Math.PI) / 360);
+  const scale = tall(camera) * (camera.projection === "orthographic" ? 1 : distance);
   const by = add(mul(a.right, -right * scale), mul(a.up, up * scale));
   return { ...camera, eye: add(camera.eye, by), target: add(camera.target, by) };
 }
@@ -28,7 +28,8 @@ export function zoom(camera, point, factor) {
   const eye = move(camera.eye), target = move(camera.target);
   // At the end of double precision eye and target fall together.
   const scale = Math.max(size(eye), 1e-300);
-  return size(sub(target, eye)) > 1e-14 * scale ? { ...camera, eye, target } : camera;
+  if (!(size(sub(target, eye)) > 1e-14 * scale)) return camera;
+  return { ...camera, eye, target, height: camera.height && camera.height * factor };
 }
 
 // Move by lengths to the right, up and ahead.
@@ -43,9 +44,10 @@ export function frame(camera, bounds, from) {
   const centre = mul(add(bounds[0], bounds[1]), 0.5);
   const radius = Math.max(size(sub(bounds[1], bounds[0])) / 2, 1e-300);
   const towards = unit(from ?? sub(camera.eye, camera.target));
-  const distance = radius / Math.sin((camera.fov * Math.PI) / 360);
+  const distance = radius / Math.sin((Math.min(camera.fov, 100) * Math.PI) / 360);
   const up = size(cross(towards, [0, 0, 1])) < 1e-6 ? [0, 1, 0] : [0, 0, 1];
-  return { ...camera, target: centre, eye: add(centre, mul(towards, distance)), up: from ? up : camera.up };
+  const height = camera.height && 2 * radius;
+  return { ...camera, height, target: centre, eye: add(centre, mul(towards, distance)), up: from ? up : camera.up };
 }
 
 export const VIEWS = {
@@ -59,5 +61,7 @@ export function toText(camera) {
   const near = size(sub(camera.target, camera.eye)) < 1e-6 * size(camera.eye);
   const point = near ? (v) => v.join(",") : numbers;
   const up = camera.up.join() === "0,0,1" ? "" : ` up=${numbers(camera.up)}`;
-  return `eye=${point(camera.eye)} target=${point(camera.target)}${up} fov=${Number(camera.fov.toPrecision(6))}`;
+  const other = camera.projection === "perspective" ? "" : ` projection=${camera.projection}`;
+  const high = camera.height ? ` height=${camera.height}` : "";
+  return `eye=${point(camera.eye)} target=${point(camera.target)}${up} fov=${Number(camera.fov.toPrecision(9))}${other}${high}`;
 }

@@ -1,6 +1,6 @@
 // The canvas: pictures as they come, and what is where in the one that is shown.
 
-import { add, direction, mul } from "./vectors.js";
+import { add, mul, ray } from "./vectors.js";
 
 const MOST_PIXELS = 1_500_000; // finer screens get larger pixels
 
@@ -60,6 +60,7 @@ export class Picture {
     const { camera, size: [width, height] } = this.shown;
     const far = Math.hypot(...camera.target.map((t, k) => t - camera.eye[k]));
     const distance = this.distance(place) ?? far;
-    return add(camera.eye, mul(direction(camera, place, width / height), distance));
+    const { origin, direction } = ray(camera, place, width / height);
+    return add(origin, mul(direction, distance));
   }
 }

@@ -25,10 +25,28 @@ export function axes(camera) {
   return { right, up: cross(right, forward), forward };
 }
 
-// The unit direction of the ray through a place of the picture, from (0, 0) top left to (1, 1).
-export function direction(camera, place, aspect) {
+// Height of the picture in world units: at the distance 1, or anywhere if orthographic.
+export function tall(camera) {
+  const tangent = 2 * Math.tan((camera.fov * Math.PI) / 360);
+  if (camera.projection !== "orthographic") return tangent;
+  return camera.height ?? tangent * size(sub(camera.target, camera.eye));
+}
+
+// Origin and unit direction of the ray through a place of the picture, from (0, 0) top left to
+// (1, 1), as `pcsg/render/camera.py` has them.
+export function ray(camera, place, aspect) {
   const { right, up, forward } = axes(camera);
-  const tangent = Math.tan((camera.fov * Math.PI) / 360);
-  const x = (2 * place[0] - 1) * aspect * tangent, y = (1 - 2 * place[1]) * tangent;
-  return unit(add(forward, add(mul(right, x), mul(up, y))));
+  const x = (2 * place[0] - 1) * aspect, y = 1 - 2 * place[1];
+  const sum = (...parts) => parts.reduce((total, [length, axis]) => add(total, mul(axis, length)), [0, 0, 0]);
+  const half = tall(camera) / 2, angle = (camera.fov * Math.PI) / 360;
+  if (camera.projection === "orthographic") return { origin: add(camera.eye, sum([x * half, right], [y * half, up])), direction: forward };
+  let direction;
+  if (camera.projection === "fisheye") {
+    const off = Math.hypot(x, y) * angle, side = off ? (Math.sin(off) / off) * angle : angle;
+    direction = sum([Math.cos(off), forward], [side * x, right], [side * y, up]);
+  } else if (camera.projection === "panorama") {
+    const upward = unit(camera.up), level = cross(upward, right), flat = Math.cos(y * angle);
+    direction = sum([flat * Math.cos(x * angle), level], [flat * Math.sin(x * angle), right], [Math.sin(y * angle), upward]);
+  } else direction = sum([1, forward], [x * half, right], [y * half, up]);
+  return { origin: camera.eye, direction: unit(direction) };
 }
