@@ -135,9 +135,14 @@ _SPELLINGS = tuple(
             _changed,
         ),
         (
-            r"\b(\w+)\s+if\s+(.+?)\s+then\s+(\S+)(?:\s+else\s+(\S+))?",
+            r"\b(\w+)[ \t]+if\s+(.+?)\s+then\s+(\S+)(?:\s+else\s+(\S+))?",
             "`if` is a function",
             lambda m: f"write `{m[1]} if({m[2]}, {m[3]}, {m[4] or 1})`",
+        ),
+        (
+            r"(?m)^[ \t]*if\s+(.+?)\s+then\b[^\n]*",
+            "a module chooses among its rules",
+            lambda m: f"write `A if({m[1]}, 1, 2)`, and rules `1: A -> ...`, `2: A -> ...`",
         ),
         (
             r"\b(mesh|blob|tree)\s*\(\s*([\w./-]*[A-Za-z][\w./-]*\.[A-Za-z]\w*)\s*\)",

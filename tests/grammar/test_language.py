@@ -382,7 +382,7 @@ def test_auto_stands_for_what_is_found_automatically() -> None:
     named = load_text("sphere material m { relief = auto; texture = auto } texture auto {}")
     assert named.settings[0].values == {"relief": "auto", "texture": "auto"}
     with pytest.raises(GrammarError, match="never-assigned"):
-        load_text("sphere camera { fov = auto }")
+        load_text("sphere sun { strength = auto }")
 
 
 def test_settings() -> None:
