@@ -5,9 +5,10 @@
     pcsg.render(scene, size=(640, 480)).save("tree.png")
 
 Scenes: `load`, `loads`, `Scene`. What rays meet: `Hits`, `Crossings`, `Spans`. Pictures: `render`,
-`Image`. Graphs built in Python: `S` modules, `C` calculations, `P` parameters, `define`, `if_`,
-`and_`, `or_`, `not_`, `call`; every primitive, transformation and attribute of the language is a
-function here: ``sphere()``, ``move(0, 0, 1)``, ``color(1, 0, 0)``; `tree` and its parts grow.
+`Image`. Canopies: `light`. Graphs built in Python: `S` modules, `C` calculations, `P` parameters,
+`define`, `if_`, `and_`, `or_`, `not_`, `call`; every primitive, transformation and attribute of the
+language is a function here: ``sphere()``, ``move(0, 0, 1)``, ``color(1, 0, 0)``; `scatter` places
+copies by a table; `tree` and its parts grow.
 Errors: all are `PcsgError`.
 
 ``help(pcsg.Scene)`` and ``help(pcsg.render)`` tell more; docs/python.md has examples.
@@ -104,6 +105,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
+    if name in ("light", "lidar"):
+        return import_module(f"pcsg.{name}")
     # `from pcsg import errors` asks for a module first as if it were a name.
     if not name.startswith("_") and find_spec(f"pcsg.{name}") is None:
         constructors = import_module("pcsg.graph.build").CONSTRUCTORS

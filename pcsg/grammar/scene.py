@@ -62,7 +62,7 @@ def _check_head(
         return [diagnose("setting-name", message, item.name.span)]
     key = (kind.name, item.name.text if item.name else None)
     other = first.setdefault(key, item)
-    if other is item or (kind.several and not kind.named):
+    if other is item or kind.repeated or (kind.several and not kind.named):
         return []
     shown = f"{kind.name} `{key[1]}`" if key[1] else f"`{kind.name}`"
     notes = [("the first one", other.kind.span)]

@@ -92,6 +92,8 @@ class SettingKind:
         Written ``kind NAME { ... }``.
     several
         May stand more than once.
+    repeated
+        May stand more than once under one name.
     """
 
     name: str
@@ -99,6 +101,7 @@ class SettingKind:
     keys: Mapping[str, Key]
     named: bool = False
     several: bool = False
+    repeated: bool = False
 
     def __reduce__(self) -> tuple[Any, ...]:
         return setting_named, (self.name,)  # there is one of each
@@ -225,6 +228,25 @@ SETTINGS = {
                 "z": Key(_N, None, "its height; automatic: the lowest point of the scene", **_FAR),
                 "material": Key(ValueKind.NAME, None, "its material", refers_to="material"),
             },
+        ),
+        SettingKind(
+            "band",
+            "What surfaces do with light of some wavelengths, for `pcsg.light`.",
+            {
+                "material": Key(
+                    ValueKind.NAME, None, "whose it is; automatic: by `label`", refers_to="material"
+                ),
+                "label": Key(
+                    _N, None, "whose it is, where there is no material", low=0.0, high=2**31
+                ),
+                "reflectance": Key(
+                    _N, 0.0, "share of light that is scattered back", low=0.0, high=1.0
+                ),
+                "transmittance": Key(_N, 0.0, "share that passes", low=0.0, high=1.0),
+            },
+            named=True,
+            several=True,
+            repeated=True,
         ),
         SettingKind(
             "material",

@@ -138,7 +138,9 @@ class PeriodicScene:
                 border = (cell.corner + (i + ahead[going]) * sides - o[going]) / d[going]
                 border[step[going] == 0] = math.inf
                 end = np.minimum(border.min(axis=1), t_max[going])
-                yield from self._meet(rays, going, i, now[going], end, best)
+                part = self._meet(rays, going, i, now[going], end, best)
+                if len(part.ray):
+                    yield part
                 # What is found in a cell cannot be beaten farther on.
                 left = (border.min(axis=1) < t_max[going]) & ~done[going]
                 left &= best[going] > end
@@ -163,32 +165,27 @@ class PeriodicScene:
 
     def _meet(
         self, rays: Rays, ray: Integers, index: Integers, begin: Floats, end: Floats, best: Floats
-    ) -> Iterator[_Segments]:
-        """Yield the parts of rays in the copies that reach into their cells."""
+    ) -> _Segments:
+        """Return the parts of rays in the copies that reach into their cells."""
         sides = self._cell.sides
+        end = np.minimum(end, best[ray])
+        if len(self._offsets) == 1:
+            return _Segments(ray, begin, end, (index + self._offsets[0]) * sides)
+        # The rectangle about a part of a ray, and whether it meets that of a copy. Where a ray has
+        # no end that is no number, and it may.
+        o, d = rays.origins[ray, :2], rays.directions[ray, :2]
+        a, b = o + begin[:, None] * d, o + end[:, None] * d
+        low, high = np.minimum(a, b) - self._high, np.maximum(a, b) - self._low
+        slack = 1e-9 * (np.abs(a).max(initial=0.0, where=np.isfinite(a)) + sides.max())
+        rows, shifts = [], []
         for offset in self._offsets:
             shift = (index + offset) * sides
-            which = np.arange(len(ray))
-            if len(self._offsets) > 1:
-                which = np.flatnonzero(self._reaches(rays, ray, shift, begin, end))
-            if len(which):
-                k = ray[which]
-                yield _Segments(k, begin[which], np.minimum(end[which], best[k]), shift[which])
-
-    def _reaches(
-        self, rays: Rays, ray: Integers, shift: Floats, begin: Floats, end: Floats
-    ) -> NDArray[np.bool_]:
-        """Return which parts of rays pass the box of a copy."""
-        o, d = rays.origins[ray, :2] - shift, rays.directions[ray, :2]
-        a, b = (self._low - o) / d, (self._high - o) / d
-        inside = (o >= self._low) & (o <= self._high)
-        level = d == 0.0
-        near = np.where(level, np.where(inside, -math.inf, math.inf), np.minimum(a, b))
-        far = np.where(level, np.where(inside, math.inf, -math.inf), np.maximum(a, b))
-        slack = 1e-9 * (np.abs(end) + np.abs(begin))
-        slack[~np.isfinite(slack)] = 0.0
-        first = np.maximum(near.max(axis=1), begin) - slack
-        return np.asarray(first <= np.minimum(far.min(axis=1), end) + slack)
+            beside = ((low > shift + slack) | (high < shift - slack)).any(axis=1)
+            which = np.flatnonzero(~beside)
+            rows.append(which)
+            shifts.append(shift[which])
+        which = np.concatenate(rows)
+        return _Segments(ray[which], begin[which], end[which], np.concatenate(shifts))
 
     def intersect(self, rays: Rays, trace: Callable[..., Hits]) -> Hits:
         """Find the first crossing of every ray; `trace` answers rays without period."""
@@ -202,8 +199,8 @@ class PeriodicScene:
             done = np.zeros(len(rows), np.bool_)
             for part in self._walk(some, nearest, done):
                 hits = trace(_moved(some, part), some.directions[part.ray], part.t_min, part.t_max)
-                closer = hits.t < nearest[part.ray]
-                nearest[part.ray[closer]] = hits.t[closer]
+                np.minimum.at(nearest, part.ray, hits.t)
+                closer = np.isfinite(hits.t) & (hits.t == nearest[part.ray])
                 found.add(rows[part.ray], part.shift, hits, closer)
             best[rows] = nearest
         return found.join(best)
@@ -217,13 +214,8 @@ class PeriodicScene:
             some = rays.take(rows)
             done = np.zeros(len(rows), np.bool_)
             for part in self._walk(some, np.full(len(rows), math.inf), done):
-                left = np.flatnonzero(~done[part.ray])
-                part = _Segments(
-                    part.ray[left], part.t_min[left], part.t_max[left], part.shift[left]
-                )
-                done[part.ray] |= trace(
-                    _moved(some, part), some.directions[part.ray], part.t_min, part.t_max
-                )
+                hit = trace(_moved(some, part), some.directions[part.ray], part.t_min, part.t_max)
+                done[part.ray[hit]] = True
             blocked[rows] = done
         return blocked
 

@@ -128,3 +128,11 @@ def test_what_cannot_be_measured_is_told() -> None:
     assert pcsg.loads("sphere & box").measure("count").value == 2
     with pytest.raises(UsageError, match="area, volume, count"):
         pcsg.loads("sphere").measure("size")  # type: ignore[call-overload]
+
+
+def test_measuring_before_and_after_rays_is_the_same() -> None:
+    scene = pcsg.Scene(pcsg.scatter(pcsg.disc(), {"x": 3.0 * np.arange(3_000.0)}))
+    area = scene.measure("area")
+    scene.intersect([[0, 0, 5]], [[0, 0, -1]])
+    assert scene.measure("area", "label")[-1] == area
+    assert len(scene.sample(10).points) == 10

@@ -145,7 +145,7 @@ class StatesReader:
 
     @cached_property
     def measuring(self) -> Measuring:
-        """Who integrates over all primitives; the table stays as long as this.
+        """Who integrates over all primitives, in a table of its own that stays.
 
         Raises
         ------
@@ -154,7 +154,8 @@ class StatesReader:
         """
         from pcsg.trace.expand.measuring import Measuring
 
-        found = self._known() or self.expand()
+        # Whoever packs the known one takes it apart.
+        found = self.expand()
         if found is None:
             raise UsageError("the scene has too many states for their table: some millions")
         if found.diagnostics:
