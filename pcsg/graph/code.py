@@ -22,7 +22,7 @@ from pcsg.graph.faults import (
     SINGULAR_MATRIX,
     UNASSIGNED_PARAMETER,
 )
-from pcsg.graph.graph import FRAME_SLOTS, GLOBALS, Graph, expressions
+from pcsg.graph.graph import FRAME_SLOTS, GLOBALS, Graph
 from pcsg.graph.liveness import Liveness, attribute_stores, attribute_values, reads
 from pcsg.graph.nodes import Attribute, Calculation, Leaf, Node, Selection, Transformation
 from pcsg.graph.tape import UNASSIGNED, Fault, Program
@@ -258,7 +258,7 @@ def code_of(
         used = [node.assignments[i] for i in liveness.used_assignments(k)]
         return [expr for _, expr in used], [name for name, _ in used]
     if isinstance(node, Attribute):
-        if not liveness.live[graph.successors[k][0]] & set(attribute_stores(node)):
+        if not liveness.reaches(k, node):
             return (), ()
         return attribute_values(graph, node), attribute_stores(node)
     return (), ()
@@ -267,7 +267,6 @@ def code_of(
 def _unknown(graph: Graph) -> set[str]:
     """Return the names that are read but have no slot."""
     names: set[str] = set()
-    for node in graph.nodes:
-        for expr in expressions(node):
-            names |= reads(expr)
+    for exprs in graph.formulas.values():
+        names |= reads(*exprs)
     return names - set(graph.slots)

@@ -13,7 +13,7 @@ from typing import Any
 from pcsg.arguments import listed, shown
 from pcsg.errors import UsageError, suggest
 from pcsg.graph.attributes import ATTRIBUTE_SLOTS
-from pcsg.graph.expr import Expr, as_expr, asks_world, signature
+from pcsg.graph.expr import Expr, Number, as_expr, asks_world, signature
 from pcsg.graph.flat import Flat, flatten, restore
 from pcsg.graph.nodes import (
     Attribute,
@@ -24,6 +24,7 @@ from pcsg.graph.nodes import (
     Selection,
     Transformation,
 )
+from pcsg.graph.ordering import successors_first
 from pcsg.graph.settings import Setting
 from pcsg.graph.words import normal
 
@@ -86,6 +87,27 @@ class Graph:
         return tuple(tuple(self.number[s] for s in node.successors) for node in self.nodes)
 
     @cached_property
+    def successors_first(self) -> list[int]:
+        """Numbers of the nodes so that successors precede, cycles apart."""
+        return successors_first(self.successors)
+
+    @cached_property
+    def formulas(self) -> Mapping[int, list[Expr]]:
+        """What nodes evaluate that is no number, by the nodes' numbers. Most have nothing."""
+        found: dict[int, list[Expr]] = {}
+        for k, node in enumerate(self.nodes):
+            if isinstance(node, (Transformation, Attribute, Leaf)):
+                for expr in node.args:
+                    if not isinstance(expr, Number):
+                        break
+                else:
+                    continue
+            exprs = [e for e in expressions(node) if not isinstance(e, Number)]
+            if exprs:
+                found[k] = exprs
+        return found
+
+    @cached_property
     def selections(self) -> tuple[Selection, ...]:
         """All modules in order."""
         return tuple(n for n in self.nodes if isinstance(n, Selection))
@@ -102,8 +124,7 @@ class Graph:
     @cached_property
     def uses_frame(self) -> bool:
         """Whether any expression asks for world coordinates."""
-        exprs = [e for node in self.nodes for e in expressions(node)]
-        return asks_world(*exprs)
+        return asks_world(*(e for exprs in self.formulas.values() for e in exprs))
 
     @cached_property
     def slots(self) -> Mapping[str, int]:

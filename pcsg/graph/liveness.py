@@ -8,7 +8,7 @@ bits of integers (Aho, Lam, Sethi, Ullman 2006, "Compilers", section 9.2.5).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import cached_property
 
 from pcsg.graph.expr import Apply, Expr, Number, Parameter, as_expr, operands, postorder
@@ -63,6 +63,7 @@ class Liveness:
         self._bit = {name: 1 << k for name, k in graph.slots.items()}
         self._frame = self._mask(FRAME_SLOTS) if graph.uses_frame else 0
         self._reads: dict[int, int] = {}
+        self._stored_by: dict[tuple[str, int], int] = {}
 
     @cached_property
     def live(self) -> tuple[frozenset[str], ...]:
@@ -92,19 +93,35 @@ class Liveness:
         )
         own = [self._own_reads(k, assigned) for k in range(len(nodes))]
         masks = [0] * len(nodes)
-        order = successors_first(below)
-        changed = True
+        order = self.graph.successors_first
+        done = bytearray(len(nodes))
+        changed, cyclic = True, False
         while changed:
             changed = False
             for k in order:
                 mask = 0
                 for s in below[k]:
                     mask |= masks[s]
+                    cyclic = cyclic or not done[s]
+                done[k] = 1
                 mask = self._above(k, mask) | own[k]
                 if mask != masks[k]:
                     masks[k] = mask
                     changed = True
+            changed = changed and cyclic
         return tuple(masks)
+
+    def reaches(self, k: int, node: Attribute) -> bool:
+        """Return whether something below an attribute reads what it assigns."""
+        return self.masks[self.graph.successors[k][0]] & self._stored(node) != 0
+
+    def _stored(self, node: Attribute) -> int:
+        """Return the slots that an attribute assigns, as bits."""
+        key = node.kind.name, len(node.args)
+        mask = self._stored_by.get(key)
+        if mask is None:
+            mask = self._stored_by[key] = self._mask(attribute_stores(node))
+        return mask
 
     def _mask(self, names: Iterable[str]) -> int:
         mask = 0
@@ -125,22 +142,26 @@ class Liveness:
         """Return what a node reads whatever is live below it."""
         node = self.graph.nodes[k]
         mask = 0
+        if isinstance(node, Leaf) and not self.selections_only:
+            mask |= assigned
+        if k not in self.graph.formulas:
+            return mask
         if isinstance(node, Selection) or (
             isinstance(node, (Transformation, Leaf)) and not self.selections_only
         ):
             for expr in expressions(node):
                 mask |= self._expr_reads(expr)
-        if isinstance(node, Leaf) and not self.selections_only:
-            mask |= assigned
         return mask
 
     def _above(self, k: int, mask: int) -> int:
         """Return what is live above a node, given what is live below it."""
+        if mask == 0:
+            return 0
         node = self.graph.nodes[k]
         if isinstance(node, Calculation):
             return self._above_calculation(node, mask)[0]
         if isinstance(node, Attribute):
-            stored = self._mask(attribute_stores(node))
+            stored = self._stored(node)
             if mask & stored:
                 mask &= ~stored
                 for expr in node.args:
@@ -172,25 +193,3 @@ class Liveness:
         assert isinstance(node, Calculation)
         below = self.masks[self.graph.successors[k][0]]
         return self._above_calculation(node, below)[1][::-1]
-
-
-def successors_first(successors: Sequence[Sequence[int]]) -> list[int]:
-    """Return the numbers of a rooted graph's nodes so that successors precede, cycles apart."""
-    order: list[int] = []
-    seen = bytearray(len(successors))
-    for root in range(len(successors)):
-        if seen[root]:
-            continue
-        seen[root] = 1
-        path, below = [root], [iter(successors[root])]
-        while path:
-            for s in below[-1]:
-                if not seen[s]:
-                    seen[s] = 1
-                    path.append(s)
-                    below.append(iter(successors[s]))
-                    break
-            else:
-                below.pop()
-                order.append(path.pop())
-    return order

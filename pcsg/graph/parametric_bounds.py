@@ -33,9 +33,10 @@ from pcsg.graph.extents import leaf_extent
 from pcsg.graph.graph import FRAME_SLOTS
 from pcsg.graph.hulls import INF
 from pcsg.graph.intervals import evaluate, is_point, multiply, transform_matrix
-from pcsg.graph.liveness import attribute_stores, successors_first
+from pcsg.graph.liveness import attribute_stores
 from pcsg.graph.nodes import Attribute, Calculation, Leaf, Operation, Selection, Transformation
 from pcsg.graph.operators import DIFFERENCE, INTERSECTION, Operator
+from pcsg.graph.ordering import successors_first
 from pcsg.graph.ranges import Key, Ranges, Values
 from pcsg.vec import IDENTITY
 

@@ -42,9 +42,10 @@ from pcsg.graph.intervals import (
     keeps_distances,
     transform_matrix,
 )
-from pcsg.graph.liveness import Liveness, attribute_stores, attribute_values, successors_first
+from pcsg.graph.liveness import Liveness, attribute_stores, attribute_values
 from pcsg.graph.nodes import Attribute, Calculation, Leaf, Operation, Selection, Transformation
 from pcsg.graph.operators import UNION, Operator
+from pcsg.graph.ordering import successors_first
 from pcsg.graph.unroll import cuts
 from pcsg.vec import IDENTITY
 

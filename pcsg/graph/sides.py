@@ -27,8 +27,8 @@ from pcsg.graph.affine_forms import (
 from pcsg.graph.expr import Expr
 from pcsg.graph.extents import leaf_extent
 from pcsg.graph.hulls import Bounds
-from pcsg.graph.liveness import successors_first
 from pcsg.graph.nodes import Leaf
+from pcsg.graph.ordering import successors_first
 from pcsg.graph.parametric_bounds import Sides, along_sides, fit_side
 from pcsg.graph.recipes import Entry, FixedPart, LeafPart, Part, Recipe, Recipes
 from pcsg.graph.sharing import Assign

@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 from pcsg.errors import Diagnostic
 from pcsg.graph.graph import Graph
-from pcsg.graph.liveness import successors_first
 from pcsg.graph.nodes import Selection
 from pcsg.graph.operators import Operator
+from pcsg.graph.ordering import successors_first
 from pcsg.vec import Affine
 
 

@@ -14,7 +14,7 @@ from pcsg.graph.depth import MOST_SELECTIONS, check_depth
 from pcsg.graph.expr import asks_world, parameters_of
 from pcsg.graph.faults import BAD_ARGUMENT, TOO_MANY_MODELS, fault_diagnostic
 from pcsg.graph.graph import Graph
-from pcsg.graph.liveness import Liveness, successors_first
+from pcsg.graph.liveness import Liveness
 from pcsg.graph.nodes import Leaf, Operation, Selection, Transformation
 from pcsg.graph.operators import UNION
 from pcsg.graph.states import (
@@ -371,7 +371,7 @@ def cuts(graph: Graph) -> set[int]:
         for s in below:
             uses[s] += 1
     size = [1] * len(graph.nodes)
-    for k in successors_first(graph.successors):
+    for k in graph.successors_first:
         if k in found:
             continue
         size[k] = 1 + sum(size[s] for s in graph.successors[k])

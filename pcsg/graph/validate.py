@@ -69,7 +69,8 @@ def check_parameters(graph: Graph, ignore: Collection[str] = ()) -> list[Diagnos
     ignore
         Names that are not reported.
     """
-    read = {e.name for node in graph.nodes for e in _parameters_of(node)}
+    exprs = (e for exprs in graph.formulas.values() for e in exprs)
+    read = {e.name for expr in exprs for e in _parameters_in(expr)}
     if read <= GLOBALS.keys() | set(ignore):
         return []
     bit = {name: 1 << k for k, name in enumerate(sorted(read))}
@@ -77,7 +78,8 @@ def check_parameters(graph: Graph, ignore: Collection[str] = ()) -> list[Diagnos
     assigned = _assigned_before(graph, bit, known)
     first: dict[str, tuple[Node, Parameter]] = {}
     count: dict[str, int] = {}
-    for number, node in enumerate(graph.nodes):
+    for number in graph.formulas:
+        node = graph.nodes[number]
         for parameter, have in _reads(node, assigned[number], bit):
             if not have & bit[parameter.name] and parameter.name not in ignore:
                 first.setdefault(parameter.name, (node, parameter))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pcsg.graph.bounds import hyper_boxes
 from pcsg.graph.code import invert_affine
 from pcsg.graph.graph import GLOBALS
-from pcsg.graph.liveness import successors_first
+from pcsg.graph.ordering import successors_first
 from pcsg.graph.recipes import Recipes
 from pcsg.graph.unroll import enumerate_states
 from pcsg.jit import plain
