@@ -1,19 +1,21 @@
-"""What a file says, before names mean anything: frozen records, each with its place.
+"""What a file says, before names mean anything: records, each with its place.
 
-Arithmetic is kept as expressions of the graph at once, because their trees are the same.
+Nobody changes one. They are not frozen, because a long file has hundreds of thousands, and frozen
+ones take three times as long to make. Arithmetic is kept as expressions of the graph at once,
+because their trees are the same.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pcsg.errors import SourceSpan
 from pcsg.graph.expr import Expr
 from pcsg.graph.operators import Operator
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Name:
     """A name where it is given to something."""
 
@@ -21,7 +23,7 @@ class Name:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Arguments:
     """Arguments in parentheses; `seeds` is the number before a semicolon, 0 without one."""
 
@@ -32,7 +34,7 @@ class Arguments:
 # Expressions for solids.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Use:
     """A module or a definition by its name; arguments for a call."""
 
@@ -41,7 +43,7 @@ class Use:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Text:
     """A text in quotes, without them."""
 
@@ -49,7 +51,7 @@ class Text:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Primitive:
     """A primitive; texts stand before the numbers."""
 
@@ -59,7 +61,7 @@ class Primitive:
     texts: tuple[Text, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Block:
     """Assignments in braces, a unary operator."""
 
@@ -67,7 +69,7 @@ class Block:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Unary:
     """A transformation or an attribute, a unary operator."""
 
@@ -77,7 +79,7 @@ class Unary:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class For:
     """A copy for each value of a parameter; the arguments are first, last and perhaps step."""
 
@@ -86,7 +88,7 @@ class For:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Repeat:
     """Copies of which each stands in the frame and has the parameters of the one before it."""
 
@@ -95,7 +97,7 @@ class Repeat:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Scatter:
     """A copy for each row of a table, whose file stands in quotes."""
 
@@ -107,7 +109,7 @@ class Scatter:
 Prefix = Block | Unary | For | Repeat | Scatter
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Prefixed:
     """Unary operators and loops, outermost first, before what they apply to."""
 
@@ -116,7 +118,7 @@ class Prefixed:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Combination:
     """Two or more operands of one operator, folded from the left."""
 
@@ -125,16 +127,16 @@ class Combination:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Blob:
     """A blob; what stands in its braces is one field."""
 
     fields: tuple[Solid, ...]
     span: SourceSpan
-    arguments: Arguments = Arguments()
+    arguments: Arguments = field(default_factory=Arguments)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class BlendUse:
     """An operator on fields that is written with braces."""
 
@@ -167,7 +169,7 @@ def inner(solid: Solid) -> Iterator[Solid | Prefix]:
 # Items of a file.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Axiom:
     """The expression that a grammar begins with."""
 
@@ -175,7 +177,7 @@ class Axiom:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Module:
     """A module with its selection function."""
 
@@ -183,7 +185,7 @@ class Module:
     select: Expr
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Rule:
     """A numbered rule."""
 
@@ -193,7 +195,7 @@ class Rule:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class AttributedRule:
     """A rule in the attributed form of fig 2; no condition for ``else`` or none."""
 
@@ -205,7 +207,7 @@ class AttributedRule:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Definition:
     """A named expression."""
 
@@ -213,7 +215,7 @@ class Definition:
     solid: Solid | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Value:
     """What stands behind a key: one or three numbers, a text in quotes, or stops of a palette.
 
@@ -226,7 +228,7 @@ class Value:
     stops: bool = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class SettingItem:
     """A scene setting."""
 
@@ -236,7 +238,7 @@ class SettingItem:
     span: SourceSpan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Broken:
     """An item with a mistake, with as much as is known: what it names and what it assigns."""
 

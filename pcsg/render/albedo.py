@@ -134,16 +134,37 @@ def _glass_table() -> Floats:
     return table
 
 
+class Place(NamedTuple):
+    """Between which rows and columns of a table something stands, and how far along."""
+
+    row: int
+    column: int
+    down: float
+    right: float
+
+
 @njit
-def share_at(table: Floats, roughness: float, cosine: float) -> float:
-    """Return a table's value between its rows and columns."""
+def place_at(table: Floats, roughness: float, cosine: float) -> Place:
+    """Return where a roughness and a cosine stand in tables of this size."""
     row = roughness * (table.shape[0] - 1)
     column = math.sqrt(min(max(cosine, 0.0), 1.0)) * (table.shape[1] - 1)
     i, j = min(int(row), table.shape[0] - 2), min(int(column), table.shape[1] - 2)
-    s, t = row - i, column - j
+    return Place(i, j, row - i, column - j)
+
+
+@njit
+def share_of(table: Floats, at: Place) -> float:
+    """Return a table's value between its rows and columns."""
+    i, j, s, t = at
     upper = (1 - t) * table[i, j] + t * table[i, j + 1]
     lower = (1 - t) * table[i + 1, j] + t * table[i + 1, j + 1]
     return float((1 - s) * upper + s * lower)
+
+
+@njit
+def share_at(table: Floats, roughness: float, cosine: float) -> float:
+    """Return a table's value for a roughness and a cosine."""
+    return share_of(table, place_at(table, roughness, cosine))
 
 
 @njit

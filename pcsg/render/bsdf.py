@@ -17,7 +17,15 @@ import math
 from typing import NamedTuple
 
 from pcsg.jit import njit
-from pcsg.render.albedo import GLASSES, Albedo, glass_row, mean_at, share_at
+from pcsg.render.albedo import (
+    GLASSES,
+    Albedo,
+    glass_row,
+    mean_at,
+    place_at,
+    share_at,
+    share_of,
+)
 from pcsg.render.facets import MIN_ALPHA, fresnel, ggx, reach, refract, schlick, visible_normal
 from pcsg.render.tracer import Bools, Floats
 from pcsg.vec import Vec3, dot, normalize
@@ -111,18 +119,32 @@ def _brightness(x: _Mix) -> float:
     return (x.red + x.green + x.blue) / 3.0
 
 
+class _Shares(NamedTuple):
+    """What gloss sends back at a cosine: the parts that go with F0 and with F90."""
+
+    low: float
+    high: float
+
+
 @njit
-def _coat(x: _Mix, a: Albedo, cosine: float) -> float:
+def _shares_at(x: _Mix, a: Albedo, cosine: float) -> _Shares:
+    at = place_at(a.low, x.roughness, cosine)
+    return _Shares(share_of(a.low, at), share_of(a.high, at))
+
+
+@njit
+def _coat(x: _Mix, shares: _Shares) -> float:
     """Return what a coat reflects."""
-    return x.base * share_at(a.low, x.roughness, cosine) + x.edge * share_at(
-        a.high, x.roughness, cosine
-    )
+    return x.base * shares.low + x.edge * shares.high
 
 
 @njit
-def _lobes(x: _Mix, a: Albedo, vz: float) -> tuple[float, float, float]:
-    """Return how likely a scattered ray is glossy, matt, or matt on the far side."""
-    low, high = share_at(a.low, x.roughness, vz), share_at(a.high, x.roughness, vz)
+def _lobes(x: _Mix, shares: _Shares) -> tuple[float, float, float]:
+    """Return how likely a scattered ray is glossy, matt, or matt on the far side.
+
+    By what gloss sends back to the viewer.
+    """
+    low, high = shares
     tone = _brightness(x)
     base = x.coated * (1.0 - x.base * low - x.edge * high) * tone
     gloss = x.metal * (tone * low + high) + x.coated * (x.base * low + x.edge * high) + x.glass
@@ -146,44 +168,48 @@ def _split(x: _Mix, cosine: float) -> tuple[float, float]:
 
 
 @njit
-def _lost(x: _Mix, a: Albedo, vz: float, lz: float) -> float:
-    """Return what scatters several times on rough metal (Kulla and Conty 2017)."""
-    mean = mean_at(a.mean_low, x.roughness) + mean_at(a.mean_high, x.roughness)
+def _lost(x: _Mix, mean: float, to_viewer: _Shares, from_light: _Shares) -> float:
+    """Return what scatters several times on rough metal (Kulla and Conty 2017).
+
+    By what gloss sends back to the viewer, from the light, and on average.
+    """
     if x.metal <= 0.0 or mean >= 1.0:
         return 0.0
-    from_viewer = 1.0 - share_at(a.low, x.roughness, vz) - share_at(a.high, x.roughness, vz)
-    from_light = 1.0 - share_at(a.low, x.roughness, lz) - share_at(a.high, x.roughness, lz)
-    return from_viewer * from_light / (math.pi * (1.0 - mean))
+    viewer = 1.0 - to_viewer.low - to_viewer.high
+    light = 1.0 - from_light.low - from_light.high
+    return viewer * light / (math.pi * (1.0 - mean))
 
 
 @njit
-def _repeated(x: _Mix, a: Albedo, tone: float) -> float:
+def _repeated(mean: float, tone: float) -> float:
     """Return how a metal colours light that it reflects several times."""
-    mean = mean_at(a.mean_low, x.roughness) + mean_at(a.mean_high, x.roughness)
     fresnel = (20.0 * tone + 1.0) / 21.0
     return fresnel * fresnel * mean / (1.0 - fresnel * (1.0 - mean))
 
 
 @njit
-def _evaluate(x: _Mix, a: Albedo, v: Vec3, w: Vec3) -> tuple[float, float, float, float]:
+def _evaluate(
+    x: _Mix, a: Albedo, v: Vec3, w: Vec3, to_viewer: _Shares
+) -> tuple[float, float, float, float]:
     """Return the light towards v per irradiance from w, with cosine, and the density of w."""
-    gloss, matt, far = _lobes(x, a, v.z)
+    gloss, matt, far = _lobes(x, to_viewer)
     squared = x.alpha * x.alpha
     cosine = abs(w.z)
+    from_light = _shares_at(x, a, cosine)
     glass = x.glass * _regain(x, a, v.z) if x.glass > 0.0 else 0.0
     red, green, blue, density = 0.0, 0.0, 0.0, 0.0
     # The matt base below the coat, on either side.
-    passed = x.coated * cosine * (1.0 - _coat(x, a, v.z)) * (1.0 - _coat(x, a, cosine)) / math.pi
-    mean = (
-        1.0 - x.base * mean_at(a.mean_low, x.roughness) - x.edge * mean_at(a.mean_high, x.roughness)
-    )
-    passed /= max(mean, 1e-9)
+    passed = x.coated * cosine * (1.0 - _coat(x, to_viewer)) * (1.0 - _coat(x, from_light))
+    passed /= math.pi
+    mean_low, mean_high = mean_at(a.mean_low, x.roughness), mean_at(a.mean_high, x.roughness)
+    passed /= max(1.0 - x.base * mean_low - x.edge * mean_high, 1e-9)
     if w.z > 0.0:
         passed *= 1.0 - x.through
-        lost = x.metal * cosine * _lost(x, a, v.z, cosine)
-        red = passed * x.red + lost * _repeated(x, a, x.red)
-        green = passed * x.green + lost * _repeated(x, a, x.green)
-        blue = passed * x.blue + lost * _repeated(x, a, x.blue)
+        mean = mean_low + mean_high
+        lost = x.metal * cosine * _lost(x, mean, to_viewer, from_light)
+        red = passed * x.red + lost * _repeated(mean, x.red)
+        green = passed * x.green + lost * _repeated(mean, x.green)
+        blue = passed * x.blue + lost * _repeated(mean, x.blue)
         density = matt * cosine / math.pi
         # Facets that mirror.
         h = normalize(Vec3(v.x + w.x, v.y + w.y, v.z + w.z))
@@ -237,9 +263,11 @@ def _evaluate(x: _Mix, a: Albedo, v: Vec3, w: Vec3) -> tuple[float, float, float
 
 
 @njit
-def _draw(x: _Mix, a: Albedo, v: Vec3, u: float, turn: float, lobe: float, side: float) -> Vec3:
+def _draw(
+    x: _Mix, to_viewer: _Shares, v: Vec3, u: float, turn: float, lobe: float, side: float
+) -> Vec3:
     """Return a direction that light may come from; zero where none was found."""
-    gloss, matt, far = _lobes(x, a, v.z)
+    gloss, matt, far = _lobes(x, to_viewer)
     if lobe < gloss:
         h = visible_normal(v, x.alpha, u, turn)
         vh = dot(v, h)
@@ -293,8 +321,9 @@ def scatter_batch(
         world = Vec3(matter.viewer[i, 0], matter.viewer[i, 1], matter.viewer[i, 2])
         v = Vec3(dot(world, s), dot(world, t), max(dot(world, n), 1e-6))
         x = _mix_at(matter, i)
+        to_viewer = _shares_at(x, albedo, v.z)
         if draw:
-            w = _draw(x, albedo, v, pairs[i, 0], pairs[i, 1], choices[i, 0], choices[i, 1])
+            w = _draw(x, to_viewer, v, pairs[i, 0], pairs[i, 1], choices[i, 0], choices[i, 1])
             towards[i, 0] = w.x * s.x + w.y * t.x + w.z * n.x
             towards[i, 1] = w.x * s.y + w.y * t.y + w.z * n.y
             towards[i, 2] = w.x * s.z + w.y * t.z + w.z * n.z
@@ -304,4 +333,6 @@ def scatter_batch(
         light[i, 0], light[i, 1], light[i, 2], density[i] = 0.0, 0.0, 0.0, 0.0
         # Bumps must not let light through the geometry.
         if side * w.z > 0.0:
-            light[i, 0], light[i, 1], light[i, 2], density[i] = _evaluate(x, albedo, v, w)
+            light[i, 0], light[i, 1], light[i, 2], density[i] = _evaluate(
+                x, albedo, v, w, to_viewer
+            )
