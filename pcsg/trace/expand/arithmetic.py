@@ -215,7 +215,7 @@ class Arithmetic:
         self.columns: list[Column] = []
         self.registers = 0
         self.most_arguments = 0
-        self._literal_of: dict[str, int] = {}
+        self._literal_of: dict[float | str, int] = {}
         self._column_at: dict[tuple[str, str], int] = {}
         self._given = 0
         self._sound: set[int] = set()
@@ -370,11 +370,12 @@ class Arithmetic:
         return self.registers - 1
 
     def _literal(self, value: float) -> int:
-        key = value.hex()
-        if key not in self._literal_of:
-            self._literal_of[key] = len(self.literals)
+        # Zeros of both signs are equal, but not alike; what is not a number equals nothing.
+        key = value if value < 0.0 or value > 0.0 else value.hex()
+        at = self._literal_of.setdefault(key, len(self.literals))
+        if at == len(self.literals):
             self.literals.append(value)
-        return self._literal_of[key]
+        return at
 
     def _emit(self, op: int, target: int = 0, *operands: int) -> None:
         self.code += [op, target, *operands, *[0] * (FIELDS - 2 - len(operands))]

@@ -61,6 +61,9 @@ IS_EMPTY, IS_SHEET, HAS_DATA = 1, 2, 4
 
 CHECK_FIELDS = 3
 
+_PADDING = tuple((0,) * (STEP_FIELDS - k) for k in range(STEP_FIELDS + 1))
+"""What follows a step of so many numbers."""
+
 
 class Programs(NamedTuple):
     """The programs of all rules of a graph.
@@ -186,7 +189,9 @@ class ProgramWriter:
         # Of solids without data: where their checks begin, kind and offset of their shape.
         self._shared: dict[type[Solid], tuple[int, int, int]] = {}
         self._registers = self._matrices = self._operations = self._items = 1
-        slots = zip(ATTRIBUTE_SLOTS, self._attribute_slots(), strict=True)
+        # Slots of the attributes, -1 for those that no node assigns.
+        self._attributes = self._attribute_slots()
+        slots = zip(ATTRIBUTE_SLOTS, self._attributes, strict=True)
         self._attribute_names = [name for name, slot in slots if slot >= 0]
 
     def write(self) -> Programs:
@@ -218,7 +223,7 @@ class ProgramWriter:
             checks=np.array(self._checks or [0.0]),
             shapes=np.array(self._shapes or [0.0]),
             fixed=np.array(self._fixed or [0.0]),
-            attributes=np.array(self._attribute_slots(), np.int32),
+            attributes=np.array(self._attributes, np.int32),
             below=np.array([IS_SHEET * (n in sheets) for n, _, _ in self._programs], np.int32),
             code=self._with_literals(self._arithmetic.code),
             columns=np.concatenate([np.zeros(0), *(c.values for c in self._arithmetic.columns)]),
@@ -237,13 +242,15 @@ class ProgramWriter:
 
     def _find_sheets(self) -> set[int]:
         """Return the nodes that are sheets or may lead to one."""
+        nodes = enumerate(self.graph.nodes)
+        todo = [n for n, node in nodes if isinstance(node, Leaf) and node.is_sheet]
+        found = set(todo)
+        if not found:
+            return found
         above: list[list[int]] = [[] for _ in self.graph.nodes]
         for n, successors in enumerate(self.graph.successors):
             for s in successors:
                 above[s].append(n)
-        nodes = enumerate(self.graph.nodes)
-        todo = [n for n, node in nodes if isinstance(node, Leaf) and node.is_sheet]
-        found = set(todo)
         while todo:
             for n in above[todo.pop()]:
                 if n not in found:
@@ -302,7 +309,9 @@ class ProgramWriter:
         at = arithmetic.position
         checks: list[Check] = []
         for step in straight.steps:
-            if isinstance(step, Check):
+            if isinstance(step, Pop):
+                self._emit(POP)
+            elif isinstance(step, Check):
                 checks.append(step)
             elif isinstance(step, Compute):
                 arithmetic.assign(step.assign.register, step.assign.expr, step.frame)
@@ -352,7 +361,7 @@ class ProgramWriter:
         elif isinstance(step, Begin):
             self._emit(BEGIN, step.operator)
         else:
-            self._emit(POP if isinstance(step, Pop) else END)
+            self._emit(END)
 
     def _write_call(self, step: PushState) -> int:
         """Write what every program of a module is given; return where in `calls`."""
@@ -384,7 +393,8 @@ class ProgramWriter:
         return at
 
     def _emit(self, *step: int) -> None:
-        self._steps += [*step, *[0] * (STEP_FIELDS - len(step))]
+        self._steps += step
+        self._steps += _PADDING[len(step)]
 
     def _leaf(self, n: int, node: Leaf) -> int:
         """Return the number of a leaf."""

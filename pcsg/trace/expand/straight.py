@@ -89,6 +89,9 @@ class End(NamedTuple):
     """An operation ends."""
 
 
+_POP, _END = Pop(), End()
+
+
 class Compute(NamedTuple):
     """An assignment in a frame, whose registers begin here; -1 where nobody asks for it."""
 
@@ -175,37 +178,40 @@ class Straight:
         matrices, operations = 1, 0
         while todo:
             entry = todo.pop()
-            if isinstance(entry, (Pop, End)):
-                matrices -= isinstance(entry, Pop)
-                operations -= isinstance(entry, End)
-                self.steps.append(entry)
+            if entry is _POP:
+                matrices -= 1
+                self.steps.append(_POP)
                 continue
-            n, scope = entry
+            if entry is _END:
+                operations -= 1
+                self.steps.append(_END)
+                continue
+            n, scope = entry  # type: ignore[misc]  # neither of the two
             node = graph.nodes[n]
             self._small = self._small and len(self.steps) < SMALL
             if n in self.without:
-                self.steps += [Begin(UNION.kind), End()]
+                self.steps += [Begin(UNION.kind), _END]
                 self.operations = max(self.operations, operations + 1)
                 self.items += 1
             elif n in self.modules and not (opened and n == start):
                 self._enter(n, scope)
             elif isinstance(node, Leaf):
-                args = tuple(self._simple(e, scope) for e in node.args)
-                looks = tuple(scope.values[name] for name in self.attributes)
+                args = tuple([self._simple(e, scope) for e in node.args])
+                looks = tuple([scope.values[name] for name in self.attributes])
                 self.steps.append(PushLeaf(n, args + looks, scope.matrix))
                 self.items += 1
             elif isinstance(node, Operation):
                 self.steps.append(Begin(node.operator.kind))
                 self.items += 1
                 operations += 1
-                todo.append(End())
+                todo.append(_END)
                 todo.extend((s, scope) for s in reversed(graph.successors[n]))
             elif isinstance(node, Transformation):
                 (s,) = graph.successors[n]
                 below = self._place(n, s, node, scope)
                 if below.matrix is None:
                     matrices += 1
-                    todo.append(Pop())
+                    todo.append(_POP)
                 todo.append((s, below))
             else:
                 todo.append((graph.successors[n][0], self._assign(n, scope)))
@@ -238,7 +244,7 @@ class Straight:
             if isinstance(value, Parameter):
                 self._check(int(value.name[1:]))
             below[name] = value
-        return scope._replace(values=below)
+        return _Scope(below, scope.matrix, scope.frame)
 
     def _check(self, k: int) -> None:
         """Have it checked that a slot has a value; what is computed has one."""
@@ -263,8 +269,8 @@ class Straight:
 
     def _place(self, n: int, below: int, node: Transformation, scope: _Scope) -> _Scope:
         """Return the scope below a transformation."""
-        args = tuple(self._simple(e, scope) for e in node.args)
-        numbers = [a.value for a in args if isinstance(a, Number)]
+        args = tuple([self._simple(e, scope) for e in node.args])
+        numbers = [a.value for a in args if isinstance(a, Number)] if self._small else ()
         asked = scope.frame >= 0 and FRAME_SLOTS[0] in self.liveness.live[below]
         if self._small and self.frame_slot < 0 and len(numbers) == len(args):
             constant: Affine = plain(node.transform.kernel)(*numbers)
@@ -275,7 +281,8 @@ class Straight:
                 whole: Affine = compose_affine(scope.matrix, constant)
                 return scope._replace(matrix=whole)
         self.steps.append(Place(n, args, scope.matrix))
-        scope = scope._replace(matrix=None)
+        if scope.matrix is not None:
+            scope = scope._replace(matrix=None)
         if not asked:
             return scope
         frame = self.registers
