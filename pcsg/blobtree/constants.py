@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-CONSTANTS = ("steps", "angle", "width", "thinning")
+CONSTANTS = ("steps", "angle", "width", "thinning", "elasticity")
 """What is defined by ``#define``, and has a meaning."""
 
 _CALLED = {

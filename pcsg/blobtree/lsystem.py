@@ -1,7 +1,10 @@
 """L-systems: parametric, stochastic, context-sensitive rewriting of strings of modules.
 
 Rules are those of Prusinkiewicz and Lindenmayer, *The Algorithmic Beauty of Plants* (1990). Modules
-are single characters with numbers; `pcsg.blobtree.lsystemfile` reads them from texts.
+are characters, or words, with numbers; `pcsg.blobtree.lsystemfile` reads them from texts.
+
+Besides the rules of growth there may be two sets more: rules of *decomposition* apply after every
+step, and rules of *interpretation* to the string that is drawn, which does not grow by them.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ KEPT = 100_000
 
 
 class Letter(NamedTuple):
-    """A module of the string: a character and its numbers."""
+    """A module of the string: a character or a word, and its numbers."""
 
     symbol: str
     args: tuple[float, ...]
@@ -106,6 +109,10 @@ class LSystem:
         Of ``#define``; ``steps``, ``angle``, ``width`` and ``thinning`` have a meaning.
     definitions
         What the constants are, as formulas.
+    rules, decomposition, interpretation
+        How modules grow, what they fall into after every step, and what is drawn for them.
+    depths
+        How often decomposition and interpretation are applied to what they have made, at most.
     ignored
         What contexts do not see.
     most
@@ -116,6 +123,9 @@ class LSystem:
     definitions: dict[str, Formula] = field(default_factory=dict)
     axiom: Successor = ()
     rules: list[LRule] = field(default_factory=list)
+    decomposition: list[LRule] = field(default_factory=list)
+    interpretation: list[LRule] = field(default_factory=list)
+    depths: dict[str, int] = field(default_factory=dict)
     ignored: frozenset[str] = frozenset()
     draws: Draws = field(default_factory=lambda: Draws(0))
     most: int = MOST_MODULES
@@ -144,6 +154,31 @@ class LSystem:
         """
         return _Derivation(self).run(self.steps if steps is None else steps)
 
+    def interpret(self, string: list[Letter]) -> list[Letter]:
+        """Return what is drawn for a string.
+
+        Raises
+        ------
+        UsageError
+            What is drawn grows too long, or a number cannot be computed.
+        """
+        if not self.interpretation:
+            return string
+        return _Derivation(self).interpret(string)
+
+
+class _Rules:
+    """A set of rules, and what is known of modules that they have been applied to."""
+
+    def __init__(self, rules: Sequence[LRule]) -> None:
+        self.by_symbol: dict[str, list[LRule]] = {}
+        for rule in rules:
+            self.by_symbol.setdefault(rule.predecessor.symbol, []).append(rule)
+        self.contexts = any(rule.left or rule.right for rule in rules)
+        self.plain = {s for s, found in self.by_symbol.items() if all(r.is_plain for r in found)}
+        self.is_random = any(rule.random or rule.probability for rule in rules)
+        self.known: dict[Letter, list[Letter]] = {}
+
 
 class _TooLarge(Exception):
     """The budget of a derivation is used up."""
@@ -156,13 +191,8 @@ class _Derivation:
         self.system = system
         self.constants = system.constants
         self.ignored = system.ignored
-        self.by_symbol: dict[str, list[LRule]] = {}
-        for rule in system.rules:
-            self.by_symbol.setdefault(rule.predecessor.symbol, []).append(rule)
-        self.contexts = any(rule.left or rule.right for rule in system.rules)
-        self.plain = {s for s, rules in self.by_symbol.items() if all(r.is_plain for r in rules)}
-        self.is_random = any(rule.random or rule.probability for rule in system.rules)
-        self.known: dict[Letter, list[Letter]] = {}
+        self.growth = _Rules(system.rules)
+        self.decomposition = _Rules(system.decomposition)
         # Every rule that is tried gets a copy of the constants.
         self.glance = 1 + len(system.constants) // 16
         self.left = WORK * system.most
@@ -173,17 +203,43 @@ class _Derivation:
     def run(self, steps: int) -> list[Letter]:
         names = dict(self.constants)
         self.string = [self._letter(s, fs, names, 0) for s, fs in self.system.axiom]
-        for step in range(steps):
-            try:
-                changed = self._step()
-            except _TooLarge as reason:
-                raise UsageError(
-                    f"{reason} in step {step + 1:,} of {steps:,}; take fewer `steps`, at most "
-                    f"{step:,}, or allow a longer string by a line `most: {2 * self.system.most}`"
-                ) from None
-            if not changed and not self.is_random:
-                break
+        is_random = self.growth.is_random or self.decomposition.is_random
+        step = 0
+        try:
+            self._repeat(self.decomposition, "decomposition")
+            while step < steps:
+                step += 1
+                changed = self._apply(self.growth)
+                changed = self._repeat(self.decomposition, "decomposition") or changed
+                if not changed and not is_random:
+                    break
+        except _TooLarge as reason:
+            raise UsageError(
+                f"{reason} in step {step:,} of {steps:,}; take fewer `steps`, at most "
+                f"{max(0, step - 1):,}, or allow a longer string by a line "
+                f"`most: {2 * self.system.most}`"
+            ) from None
         return self.string
+
+    def interpret(self, string: list[Letter]) -> list[Letter]:
+        self.string = string
+        try:
+            self._repeat(_Rules(self.system.interpretation), "interpretation")
+        except _TooLarge as reason:
+            raise UsageError(
+                f"{reason} when it is drawn; take fewer `steps`, or allow a longer string by a "
+                f"line `most: {2 * self.system.most}`"
+            ) from None
+        return self.string
+
+    def _repeat(self, rules: _Rules, name: str) -> bool:
+        """Apply rules to what they have made, too; return whether one was applied."""
+        applied = False
+        for _ in range(self.system.depths.get(name, 1) if rules.by_symbol else 0):
+            if not self._apply(rules):
+                break
+            applied = True
+        return applied
 
     def _spend(self, work: int) -> None:
         self.left -= work
@@ -191,19 +247,19 @@ class _Derivation:
             most = WORK * self.system.most
             raise _TooLarge(f"more than {most:,} modules, rules and contexts are looked at")
 
-    def _step(self) -> bool:
+    def _apply(self, rules: _Rules) -> bool:
         """Rewrite the string once; return whether a rule was applied."""
         string, most = self.string, self.system.most
         self._spend(STEP + len(string))
-        if self.contexts:
+        if rules.contexts:
             self.bearers, self.matches = _structure(string)
         out: list[Letter] = []
         changed = False
         for k, letter in enumerate(string):
-            rules = self.by_symbol.get(letter.symbol)
-            made = _SAME if rules is None else self.known.get(letter)
-            if made is None and rules is not None:
-                made = self._rewritten(rules, k)
+            own = rules.by_symbol.get(letter.symbol)
+            made = _SAME if own is None else rules.known.get(letter)
+            if made is None and own is not None:
+                made = self._rewritten(rules, own, k)
             if made is _SAME or made is None:
                 out.append(letter)
                 continue
@@ -216,17 +272,17 @@ class _Derivation:
         self.string = out
         return changed
 
-    def _rewritten(self, rules: Sequence[LRule], k: int) -> list[Letter]:
-        """Return what the rules make of a module, `_SAME` where none applies."""
+    def _rewritten(self, rules: _Rules, own: Sequence[LRule], k: int) -> list[Letter]:
+        """Return what its own rules make of a module, `_SAME` where none applies."""
         letter = self.string[k]
-        chosen = self._choose(rules, k)
+        chosen = self._choose(own, k)
         made = _SAME
         if chosen is not None:
             rule, names = chosen
             self._spend(len(rule.successor) + rule.cost)
             made = [self._letter(s, fs, names, rule.line) for s, fs in rule.successor]
-        if letter.symbol in self.plain and len(self.known) < KEPT:
-            self.known[letter] = made
+        if letter.symbol in rules.plain and len(rules.known) < KEPT:
+            rules.known[letter] = made
         return made
 
     def _letter(

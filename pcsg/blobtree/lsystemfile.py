@@ -6,22 +6,34 @@ The text is like that of cpfg (Prusinkiewicz and Lindenmayer 1990)::
     axiom: !(0.1) A(1, 0.1)
     A(l, w) : l > 0.05 -> F(l) [ &(35) A(l*0.8, w*0.7) ] /(137.5) !(w*0.9) A(l*0.9, w*0.9)
     X < B(x) > Y : x > 1 : 0.6 -> B(x-1)
+    interpretation:
+    B(x) -> [+(x) L(x/4)]
 
 A rule has a left context, a predecessor, a right context, a condition (``*`` for none) and a
 probability, of which only the predecessor must be; the probability may stand behind the successor.
-Modules are single characters with numbers.
+Modules are single characters with numbers, or words that a line ``module`` names. A line that is
+indented and nothing by itself goes on with the one before.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from pcsg.blobtree.constants import constant_called
 from pcsg.blobtree.formulas import NAME, Draws, Formula, read_formula
+from pcsg.blobtree.heads import (
+    LABEL,
+    bound_names,
+    check_brackets,
+    said,
+    split_context,
+    split_probability,
+    symbols_of,
+)
 from pcsg.blobtree.lsystem import LRule, LSystem, Pattern, Successor
+from pcsg.blobtree.lsystemtext import MOST_REMARKS, LSystemText, plain_lines, told
 from pcsg.blobtree.signs import (
     blank_block_comments,
     number_signs,
@@ -39,79 +51,33 @@ LARGEST_TEXT = 1_000_000
 MOST_CONSTANTS = 1_000
 """Definitions at most."""
 
-MOST_REMARKS = 100
-"""More are not told."""
-
 MOST_PATTERNS = 60
 """Modules of a context at most."""
 
 _ARROW = re.compile(r"-{1,2}>|={1,2}>")
-_LABEL = re.compile(r"^\s*p\d+\s*:(?=.)")
 _SETTING = re.compile(r"^([A-Za-z\u03c9][A-Za-z_ -]*?)\s*:(.*)$")
 
-_SAME_AS = {"\u03c9": "axiom", "w": "axiom"}
-"""What books call the axiom."""
+_SAME_AS = {
+    "\u03c9": "axiom",
+    "w": "axiom",
+    "homomorphism": "interpretation",
+    "endhomomorphism": "production",
+    "endinterpretation": "production",
+    "enddecomposition": "production",
+}
+"""What books and other programs call the axiom and sets of rules."""
+
+_SETS = ("production", "decomposition", "interpretation")
+"""Sets of rules; lines of these names begin one."""
+
+MOST_WORDS = 1_000
+"""Modules with names of several letters, at most."""
+
+MOST_DEPTH = 100
+"""How often decomposition and interpretation may be asked to go on."""
 
 _FRAME = ("lsystem", "endlsystem")
 """Lines that other programs put about the rules."""
-
-
-class Remark(NamedTuple):
-    """What is wrong with a line, or worth a look.
-
-    Attributes
-    ----------
-    line
-        From 1; 0 for the whole text.
-    severity
-        ``error`` or ``warning``.
-    """
-
-    line: int
-    message: str
-    severity: str = "error"
-
-
-@dataclass
-class LSystemText:
-    """What the text of an L-system says.
-
-    Attributes
-    ----------
-    settings
-        Lines ``name: value`` such as ``junctions: contact``, each with its line's number.
-    remarks
-        Everything that is wrong, and what is worth a look.
-    """
-
-    system: LSystem
-    settings: dict[str, tuple[str, int]] = field(default_factory=dict)
-    remarks: list[Remark] = field(default_factory=list)
-
-    def complain(self, line: int, message: str, severity: str = "error") -> None:
-        """Take down a remark."""
-        if len(self.remarks) < MOST_REMARKS or (severity == "error" and not self.mistakes()):
-            self.remarks.append(Remark(line, message, severity))
-
-    def mistakes(self) -> list[Remark]:
-        """Return what makes the text unusable, by lines."""
-        return sorted(r for r in self.remarks if r.severity == "error")
-
-
-def plain_lines(text: str) -> str:
-    """Return a text with lines that end in a line feed only."""
-    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
-
-
-def told(remarks: Iterable[Remark], text: str, name: str) -> str:
-    """Return remarks as text, with the lines that they are about."""
-    lines = plain_lines(text).split("\n")
-    return "\n".join(
-        f"{name}:{r.line}: {r.message}\n  {r.line} | {lines[r.line - 1].strip()[:120]}"
-        if r.line
-        else f"{name}: {r.message}"
-        for r in remarks
-    )
 
 
 def read_lsystem(text: str, name: str = "<text>", seed: int = 0) -> LSystem:
@@ -142,11 +108,12 @@ def read_lines(
 
 
 class _Line(NamedTuple):
-    """A rule or an axiom before its string of modules is read; an axiom has no head."""
+    """A rule of one of the sets, or an axiom, before its string is read; an axiom has no head."""
 
     number: int
     head: str | None
     body: str
+    rules: str
 
 
 class _Reader:
@@ -162,6 +129,8 @@ class _Reader:
         self.known: set[str] = set(COMMANDS)
         self.uses: list[tuple[int, Formula, frozenset[str]]] = []
         self.axiom_line = 0
+        self.rules = "production"
+        self.words: set[str] = set()
 
     def read(self) -> LSystemText:
         if len(self.text) > LARGEST_TEXT:
@@ -170,12 +139,12 @@ class _Reader:
         lines, open_line = blank_block_comments(self.text)
         if open_line is not None:
             self.out.complain(open_line, "the comment `/*` never ends")
-        for number, line in enumerate(lines, 1):
-            if line.strip():
-                self._attempt(number, self._sort, number, line.strip())
-        for _, head, _ in self.lines:
+        for number, line in _whole_lines(lines):
+            self._attempt(number, self._sort, number, line)
+        self.known |= self.words
+        for _, head, _, _ in self.lines:
             if head is not None:
-                self.known |= _symbols_of(head)
+                self.known |= symbols_of(head, self.words)
         for line_ in self.lines:
             self._attempt(line_.number, self._read_string, line_)
         if not self.axiom_line:
@@ -200,6 +169,12 @@ class _Reader:
         word = line.split(None, 1)[0].lower().rstrip(":")
         if word in _FRAME and not _ARROW.search(plain):
             return
+        if plain.strip().lower().rstrip(": ") == word and _SAME_AS.get(word, word) in _SETS:
+            self.rules = _SAME_AS.get(word, word)
+            return
+        if word == "module" and not _ARROW.search(plain):
+            self._name(plain.partition(" ")[2])
+            return
         setting = _SETTING.match(line)
         if setting and not _ARROW.search(plain):
             self._set(number, setting[1].strip(), setting[2])
@@ -207,7 +182,27 @@ class _Reader:
         arrow = re.search(r"-{1,2}>", line) or _ARROW.search(line)
         if not arrow:
             raise UsageError("expected a rule, `#define`, or a line `name: value`")
-        self.lines.append(_Line(number, line[: arrow.start()], line[arrow.end() :]))
+        self.lines.append(_Line(number, line[: arrow.start()], line[arrow.end() :], self.rules))
+
+    def _name(self, text: str) -> None:
+        """Take down names of modules; numbers behind them only tell how many there are."""
+        for part in split_at_top(text.replace(":", " ").strip(" ;"), ","):
+            for word in re.sub(r"\(.*?\)", " ", part).split():
+                if not NAME.fullmatch(word):
+                    raise UsageError(f"`{word[:40]}` is no name of a module")
+                self.words |= {word} if len(word) > 1 else set()
+        if len(self.words) > MOST_WORDS:
+            raise UsageError(f"there are more than {MOST_WORDS:,} names of modules")
+
+    def _deepen(self, value: str) -> None:
+        """Say how often the rules of the present set apply to what they have made."""
+        depth = int(value) if value.isdecimal() and len(value) < 9 else -1
+        if not 1 <= depth <= MOST_DEPTH or self.rules == "production":
+            raise UsageError(
+                f"`maximum depth:` takes a whole number from 1 to {MOST_DEPTH}, and stands behind "
+                "`interpretation:` or `decomposition:`"
+            )
+        self.out.system.depths[self.rules] = depth
 
     def _define(self, number: int, line: str) -> None:
         parts = line.split(None, 2)
@@ -245,9 +240,12 @@ class _Reader:
             if self.axiom_line:
                 raise UsageError(f"a second axiom; the first is in line {self.axiom_line}")
             self.axiom_line = number
-            self.lines.append(_Line(number, None, value))
+            self.lines.append(_Line(number, None, value, ""))
             return
         value = before_comment(value).strip()
+        if name == "maximum depth":
+            self._deepen(value)
+            return
         system = self.out.system
         if name == "ignore":
             system.ignored = frozenset(string_signs(value)) - set(" []")
@@ -265,7 +263,19 @@ class _Reader:
             successor, _ = self._successor(line.number, self._cut(line), frozenset())
             self.out.system.axiom = successor
         else:
-            self._rule(line.number, _LABEL.sub("", plain_digits(line.head)), self._cut(line))
+            rule = self._rule(line.number, LABEL.sub("", plain_digits(line.head)), self._cut(line))
+            self._keep(rule, line.rules)
+
+    def _keep(self, rule: LRule, rules: str) -> None:
+        system = self.out.system
+        if rules == "production":
+            system.rules.append(rule)
+        elif rule.left or rule.right:
+            raise UsageError(f"rules behind `{rules}:` have no contexts")
+        elif rules == "decomposition":
+            system.decomposition.append(rule)
+        else:
+            system.interpretation.append(rule)
 
     def _cut(self, line: _Line) -> str:
         """Return the string of a line without its comment."""
@@ -279,7 +289,7 @@ class _Reader:
     ) -> tuple[Successor, list[Formula]]:
         """Return a string of modules, and all formulas in it."""
         found: list[tuple[str, tuple[Formula, ...]]] = []
-        for symbol, args in split_modules(text):
+        for symbol, args in split_modules(text, self.words):
             if symbol not in self.known and not symbol.isalpha():
                 hint = "; a comment stands on a line of its own" if symbol in "#;" else ""
                 raise UsageError(
@@ -293,21 +303,21 @@ class _Reader:
     def _formula(self, text: str) -> Formula:
         return read_formula(number_signs(text), self.draws)
 
-    def _rule(self, number: int, head: str, body: str) -> None:
+    def _rule(self, number: int, head: str, body: str) -> LRule:
         fields = head.split(":")
         if len(fields) > 3:
             raise UsageError("a rule has a predecessor, a condition and a probability at most")
-        left_text, middle, right_text = _split_context(string_signs(fields[0]))
+        left_text, middle, right_text = split_context(string_signs(fields[0]))
         left, right = self._patterns(left_text), self._patterns(right_text)
         predecessors = self._patterns(middle)
         if len(predecessors) != 1:
             raise UsageError("a rule rewrites exactly one module")
         if predecessors[0].symbol in "[]" or any(p.symbol in "[]" for p in left):
             raise UsageError("brackets stand in right contexts and in what a rule makes only")
-        _check_brackets(right)
-        names = _bound_names([*left, *predecessors, *right])
-        condition, chance = (_said(fields, k) for k in (1, 2))
-        body, trailing = _split_probability(body)
+        check_brackets(right)
+        names = bound_names([*left, *predecessors, *right])
+        condition, chance = (said(fields, k) for k in (1, 2))
+        body, trailing = split_probability(body)
         texts = (condition, chance, trailing)
         condition_of, chance_of, trailing_of = (self._formula(t) if t else None for t in texts)
         if condition_of and condition_of.number is not None and not chance_of and not trailing_of:
@@ -321,22 +331,21 @@ class _Reader:
             raise UsageError(f"a probability is 0 or more, not {chance_of.number:g}")
         self.uses += [(number, formula, names) for formula in asked]
         successor, formulas = self._successor(number, "" if body == "*" else body, names)
-        self.out.system.rules.append(
-            LRule(
-                left,
-                predecessors[0],
-                right,
-                condition_of.compute if condition_of else None,
-                chance_of.compute if chance_of else None,
-                successor,
-                number,
-                any(formula.random for formula in [*formulas, *asked]),
-                1 + sum(formula.size for formula in [*formulas, *asked]) // 4,
-            )
+        return LRule(
+            left,
+            predecessors[0],
+            right,
+            condition_of.compute if condition_of else None,
+            chance_of.compute if chance_of else None,
+            successor,
+            number,
+            any(formula.random for formula in [*formulas, *asked]),
+            1 + sum(formula.size for formula in [*formulas, *asked]) // 4,
         )
 
     def _patterns(self, text: str) -> tuple[Pattern, ...]:
-        found = tuple(self._pattern(symbol, args) for symbol, args in split_modules(text))
+        modules = split_modules(text, self.words)
+        found = tuple(self._pattern(symbol, args) for symbol, args in modules)
         if len(found) > MOST_PATTERNS:
             raise UsageError(f"a context has {MOST_PATTERNS} modules at most")
         return found
@@ -384,6 +393,26 @@ class _Reader:
                 self.out.complain(line, f"nothing reads `{name}`; is it `{ours}`?", "warning")
 
 
+def _whole_lines(lines: list[str]) -> Iterator[tuple[int, str]]:
+    """Return lines with their numbers; those that go on with the one before are joined to it."""
+    number, whole = 0, ""
+    for at, line in enumerate(lines, 1):
+        text = line.strip()
+        if not text:
+            continue
+        alone = text[0] == "#" or _SETTING.match(text) or _ARROW.search(text)
+        # Behind two slashes there may be a comment, and nothing goes on with one.
+        goes_on = (line[0].isspace() or whole.endswith(chr(92))) and "//" not in whole
+        if whole and goes_on and not alone and not text.startswith("module"):
+            whole = f"{whole.removesuffix(chr(92)).rstrip()} {text}"
+            continue
+        if whole:
+            yield number, whole
+        number, whole = at, text
+    if whole:
+        yield number, whole
+
+
 def _missing(
     formula: Formula, constants: Mapping[str, float], names: frozenset[str] = frozenset()
 ) -> list[str]:
@@ -394,55 +423,3 @@ def _missing(
 def _hint(used: str, system: LSystem, names: Iterable[str] = ()) -> str:
     near = suggest(used, [n for n in (*names, *system.constants) if n.isidentifier()])
     return f"; {near}" if near else f"; `#define {used} ...` gives it one"
-
-
-def _said(fields: list[str], k: int) -> str:
-    """Return a field of a rule's head, empty for none."""
-    text = fields[k].strip() if len(fields) > k else ""
-    return "" if text == "*" else text
-
-
-def _split_probability(body: str) -> tuple[str, str]:
-    """Return a successor and the probability behind it, which other programs write there."""
-    parts = split_at_top(body, ":")
-    if len(parts) > 2:
-        raise UsageError("a rule has one `:` at most behind its arrow, before the probability")
-    return parts[0].strip(), parts[1].strip() if len(parts) == 2 else ""
-
-
-def _split_context(text: str) -> tuple[str, str, str]:
-    """Return left context, predecessor and right context; signs in numbers do not count."""
-    parts = split_at_top(text, "<")
-    left, rest = ("", parts[0]) if len(parts) == 1 else (parts[0], "<".join(parts[1:]))
-    middle, *right = split_at_top(rest, ">")
-    return left, middle, ">".join(right)
-
-
-def _check_brackets(right: tuple[Pattern, ...]) -> None:
-    depth = 0
-    for pattern in right:
-        depth += {"[": 1, "]": -1}.get(pattern.symbol, 0)
-        if depth < 0:
-            break
-    if depth:
-        raise UsageError("the brackets of the right context do not match")
-
-
-def _bound_names(patterns: Iterable[Pattern]) -> frozenset[str]:
-    """Return the names that a head gives to numbers, which must differ."""
-    found: set[str] = set()
-    for pattern in patterns:
-        for name in pattern.names:
-            if name in found and name.isidentifier():
-                raise UsageError(f"`{name}` names two numbers of the rule's head")
-            found.add(name)
-    return frozenset(found)
-
-
-def _symbols_of(head: str) -> set[str]:
-    """Return the modules that a rule's head names; none if it cannot be read."""
-    try:
-        context = " ".join(_split_context(_LABEL.sub("", plain_digits(head)).split(":")[0]))
-        return {symbol for symbol, _ in split_modules(string_signs(context))}
-    except UsageError:
-        return set()

@@ -11,17 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.blobtree.lsystem import LSystem
-from pcsg.blobtree.lsystemfile import (
-    LARGEST_TEXT,
-    LSystemText,
-    plain_lines,
-    read_lines,
-    told,
-)
+from pcsg.blobtree.lsystemfile import LARGEST_TEXT, read_lines
+from pcsg.blobtree.lsystemtext import LSystemText, plain_lines, told
 from pcsg.blobtree.nodes import Field, color, place, polygon, union
 from pcsg.blobtree.plantsettings import Settings, read_settings
 from pcsg.blobtree.tree import grow
-from pcsg.blobtree.turtle import MOST_PARTS, Drawing, draw
+from pcsg.blobtree.turtle import MOST_PARTS, Drawing, Pull, draw
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, EnvironmentFault, Source, SourceSpan, UsageError
 from pcsg.inputs import read_text as read_file
@@ -155,11 +150,12 @@ def _drawn(
         system, settings = _read(text, name, settings.seed, constants)
     said = system.constants.get
     most = MOST_PARTS if settings.most is None else settings.most
-    string = system.derive()
-    return (
-        draw(string, said("angle", 30.0), said("width", 0.1), said("thinning", 0.7), most),
-        settings,
+    pull = Pull(said("elasticity", 0.0), settings.tropism)
+    string = system.interpret(system.derive())
+    drawing = draw(
+        string, said("angle", 30.0), said("width", 0.1), said("thinning", 0.7), most, pull
     )
+    return drawing, settings
 
 
 def assemble(drawing: Drawing, settings: Settings) -> Field:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from pcsg.blobtree.constants import CONSTANTS, constant_called
-from pcsg.blobtree.lsystemfile import LSystemText
+from pcsg.blobtree.lsystemtext import LSystemText
 from pcsg.blobtree.tree import CONTACT, Colour, Junctions
+from pcsg.blobtree.turtle import DOWN
 from pcsg.errors import UsageError, suggest
 
 BARK = (0.23, 0.17, 0.12)
@@ -24,6 +25,8 @@ class Settings:
     ----------
     bark, leaves
         Linear colours, one after the other as the turtle's ``'`` counts.
+    tropism
+        Where internodes are pulled to.
     seed, most
         None where it is not given: of the chance; internodes, leaves and triangles at most.
     """
@@ -32,11 +35,15 @@ class Settings:
     bark: tuple[Colour, ...]
     leaves: tuple[Colour, ...]
     thickness: float
+    tropism: tuple[float, float, float]
     seed: int | None
     most: int | None
 
 
-SETTINGS = ("junctions", "bark", "leaves", "bend", "tip", "printed", "seed", "thickness", "most")
+SETTINGS = (
+    *("junctions", "bark", "leaves", "bend", "tip", "printed", "seed", "thickness", "most"),
+    "tropism",
+)
 
 LARGEST = 1e6
 """Of parts of other sizes."""
@@ -75,6 +82,7 @@ def read_settings(text: LSystemText) -> Settings | None:
         get("bark", (BARK,), _colours),
         get("leaves", (LEAF,), _colours),
         get("thickness", 0.012, _positive),
+        get("tropism", DOWN, _direction),
         get("seed", None, _whole),
         get("most", None, _few),
     )
@@ -112,6 +120,13 @@ def _whole(name: str, text: str) -> int | None:
     if not 0.0 <= found < 2.0**53 or found != int(found):
         raise UsageError(f"`{name}:` takes a whole number from 0, not `{text}`")
     return int(found)
+
+
+def _direction(name: str, text: str) -> tuple[float, float, float]:
+    found = _numbers(text)
+    if len(found) != 3 or not 0.0 < max(map(abs, found)) <= LARGEST:
+        raise UsageError(f"`{name}:` takes three numbers, where to: `0 0 -1`, not `{text}`")
+    return found[0], found[1], found[2]
 
 
 def _few(name: str, text: str) -> int | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 from pcsg.blobtree.formulas import Draws, read_formula
 from pcsg.blobtree.signs import number_signs
@@ -14,8 +15,13 @@ MOST_NUMBERS = 50
 _SLASHES = re.compile(r"/{2,}")
 
 
-def split_modules(text: str) -> list[tuple[str, list[str]]]:
-    """Return the characters of a string of modules, each with the texts of its numbers.
+def split_modules(text: str, words: Iterable[str] = ()) -> list[tuple[str, list[str]]]:
+    """Return the modules of a string, each with the texts of its numbers.
+
+    Parameters
+    ----------
+    words
+        Names of modules with several letters; all others are characters.
 
     Raises
     ------
@@ -23,14 +29,16 @@ def split_modules(text: str) -> list[tuple[str, list[str]]]:
         A parenthesis has no partner or no module.
     """
     out: list[tuple[str, list[str]]] = []
+    # Of two that begin alike the longer one is meant.
+    named = sorted(words, key=len, reverse=True)
     k = 0
     while k < len(text):
-        symbol = text[k]
-        k += 1
+        symbol = next((word for word in named if text.startswith(word, k)), text[k])
+        k += len(symbol)
         if symbol.isspace():
             continue
         args: list[str] = []
-        # Between a character and its numbers there is no blank.
+        # Between a module and its numbers there is no blank.
         if k < len(text) and text[k] == "(" and symbol not in "[]()":
             depth, start = 1, k + 1
             k += 1
@@ -96,7 +104,8 @@ def cut_comment(text: str, known: set[str]) -> tuple[str, str]:
 def _could_be_modules(text: str, known: set[str]) -> bool:
     try:
         # Numbers directly behind belong to the last slash.
-        modules = split_modules("/" + text.split(":")[0])
+        words = [name for name in known if len(name) > 1]
+        modules = split_modules("/" + text.split(":")[0], words)
         return all(s in known and all(_is_formula(a) for a in args) for s, args in modules)
     except UsageError:
         return False

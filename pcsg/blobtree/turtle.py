@@ -17,9 +17,10 @@ r"""The turtle: strings of an L-system become internodes, leaves and polygons.
 ``.``          a corner of the polygon; where one has dots, ``G`` makes no corners
 =============  =================================================================================
 
-Angles are degrees; without a number they are the constant ``angle``. The turtle starts in the
-origin, looking up. Polygons are those of Prusinkiewicz and Lindenmayer 1990, section 5.1: they
-stand on a stack of their own, so that one may begin in a branch and end behind it.
+After every internode the turtle is pulled (`Pull`). Angles are degrees; without a number they are
+the constant ``angle``. The turtle starts in the origin, looking up. Polygons are those of
+Prusinkiewicz and Lindenmayer 1990, section 5.1: they stand on a stack of their own, so that one may
+begin in a branch and end behind it.
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ Vector = tuple[float, float, float]
 
 COMMANDS = frozenset("FfG+-&^/\\|$[]!'%L{}.")
 """Modules that the turtle knows."""
+
+DOWN: Vector = (0.0, 0.0, -1.0)
 
 MOST_PARTS = 20_000
 """Internodes, leaves and triangles at most, where a file does not ask for more: some seconds."""
@@ -108,6 +111,17 @@ class _State(NamedTuple):
     own: bool
 
 
+class Pull(NamedTuple):
+    """Tropism: what turns the turtle after every internode.
+
+    It turns about the product of heading and direction by ``elasticity`` times its length, in
+    radians (Prusinkiewicz and Lindenmayer 1990, p. 58).
+    """
+
+    elasticity: float = 0.0
+    direction: Vector = DOWN
+
+
 def _turn(a: Vector, b: Vector, degrees: float) -> tuple[Vector, Vector]:
     """Return two orthogonal directions turned in their plane, the first towards the second."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
@@ -145,12 +159,16 @@ class _Outline:
         return Polygon(np.array(places), colour) if len(places) >= 3 else None
 
 
+NO_PULL = Pull()
+
+
 def draw(
     string: Sequence[Letter],
     angle: float = 30.0,
     width: float = 0.1,
     thinning: float = 0.7,
     most: int = MOST_PARTS,
+    pull: Pull = NO_PULL,
 ) -> Drawing:
     """Return what the turtle draws for a string.
 
@@ -162,6 +180,8 @@ def draw(
         What ``!`` without a number multiplies the width by.
     most
         Internodes, leaves and triangles of polygons at most.
+    pull
+        What turns the turtle after every internode.
 
     Raises
     ------
@@ -195,6 +215,7 @@ def draw(
                 rows.append((s.place, here, s.width, s.width, s.last, not s.own, s.colour))
                 tops.append(s.width)
                 s = s._replace(place=here, last=len(rows) - 1, own=True)
+                s = _pulled(s, pull) if pull.elasticity else s
             else:
                 s = s._replace(place=here, own=s.own and (symbol == "G" or here == s.place))
             if outlines:
@@ -270,19 +291,37 @@ def draw(
     return Drawing(_skeleton(rows, tops), _leaves(leaves), polygons)
 
 
+def _cross(a: Vector, b: Vector) -> Vector:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def _pulled(s: _State, pull: Pull) -> _State:
+    axis = _cross(s.heading, pull.direction)
+    size = math.hypot(*axis)
+    if size < 1e-12:
+        return s
+    k = (axis[0] / size, axis[1] / size, axis[2] / size)
+    c, sine = math.cos(pull.elasticity * size), math.sin(pull.elasticity * size)
+
+    def turned(v: Vector) -> Vector:
+        along = (1.0 - c) * (k[0] * v[0] + k[1] * v[1] + k[2] * v[2])
+        x, y, z = _cross(k, v)
+        return (
+            c * v[0] + sine * x + along * k[0],
+            c * v[1] + sine * y + along * k[1],
+            c * v[2] + sine * z + along * k[2],
+        )
+
+    return s._replace(heading=turned(s.heading), left=turned(s.left), up=turned(s.up))
+
+
 def _level(s: _State) -> _State:
     x, y, _z = s.heading
     across = math.hypot(x, y)
     if across < 1e-9:
         return s
     left = (-y / across, x / across, 0.0)
-    h = s.heading
-    up = (
-        h[1] * left[2] - h[2] * left[1],
-        h[2] * left[0] - h[0] * left[2],
-        h[0] * left[1] - h[1] * left[0],
-    )
-    return s._replace(left=left, up=up)
+    return s._replace(left=left, up=_cross(s.heading, left))
 
 
 def _skeleton(

@@ -22,6 +22,9 @@ SMALL = (
     "axiom: B[G[HK]M]A\nB > G[H]M -> F\nA -> {.f.+f.}\nignore: +-\n#define steps 2\n",
     "axiom: F\nF -> F[+F]F[-F]F : 1\n#define steps 3\n#define angle 25.7\njunctions: smooth\n",
     "axiom: !(0.2)F[&F!F]/////[&F]'L\nbend: 30\ntip: 0.5\njunctions: aged\nseed: 4\n",
+    "module Bud, Leaf(x)\naxiom: Bud\nBud -> F[+Leaf(1)]Bud\n#define steps 3\n"
+    "#define elasticity 0.3\ntropism: 0 1 -1\ndecomposition:\nBud -> fBud\ninterpretation:\n"
+    "maximum depth: 2\nLeaf(x) -> F\n  L(x)\n",
     "p1: A(x) \u2192 F(x \u00d7 2)[\u2212A(x/2)] // grows\naxiom: A(1)\n#define steps 4\n",
 )
 
@@ -32,6 +35,8 @@ WORDS = (
     *(":", "<", ">", "->", "//", "/*", "*/", "^", "&&", "||", "==", "(", ")", ",", "A", "B", "\n"),
     "#define x ",
     "\n#define steps ",
+    "\n#define elasticity ",
+    *("\ninterpretation:\n", "\ndecomposition:\n", "\nmaximum depth: ", "\nmodule Leaf\n", "\n  "),
     "[+A]",
     "[&F",
     "\nA -> AA\n",
