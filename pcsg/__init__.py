@@ -5,10 +5,10 @@
     pcsg.render(scene, size=(640, 480)).save("tree.png")
 
 Scenes: `load`, `loads`, `Scene`. What rays meet: `Hits`, `Crossings`, `Spans`. Pictures: `render`,
-`Image`. Canopies: `light`. Graphs built in Python: `S` modules, `C` calculations, `P` parameters,
-`define`, `if_`, `and_`, `or_`, `not_`, `call`; every primitive, transformation and attribute of the
-language is a function here: ``sphere()``, ``move(0, 0, 1)``, ``color(1, 0, 0)``; `scatter` places
-copies by a table; `tree` and its parts grow.
+`Image`. Canopies: `light`, `lidar`. Graphs built in Python: `S` modules, `C` calculations, `P`
+parameters, `define`, `if_`, `and_`, `or_`, `not_`, `call`; every primitive, transformation and
+attribute of the language is a function here: ``sphere()``, ``move(0, 0, 1)``, ``color(1, 0, 0)``;
+`scatter` places copies by a table; `tree` and its parts grow.
 Errors: all are `PcsgError`.
 
 ``help(pcsg.Scene)`` and ``help(pcsg.render)`` tell more; docs/python.md has examples.

@@ -210,6 +210,85 @@ def check(
 
 @app.command()
 @guard
+def scan(
+    file: File,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT",
+            help="Write the cloud (.laz, .las, .csv, .xyz, .ply, .npz).",
+        ),
+    ],
+    scanner: Annotated[
+        str, typer.Option(metavar="NAME", help="Scan with a vz400, vz400-fast or vlp16.")
+    ] = "vz400",
+    at: Annotated[
+        list[str],
+        typer.Option(
+            "--at", metavar="X,Y,Z", help="Stand here; X,Y,Z..X,Y,Z is a path. May be repeated."
+        ),
+    ] = [],  # noqa: B006 - typer copies defaults
+    figure: Annotated[
+        list[str],
+        typer.Option(metavar="NAME=VALUE", help="Change a figure of the scanner: step=0.05."),
+    ] = [],  # noqa: B006 - typer copies defaults
+    returns: Annotated[
+        str, typer.Option(metavar="WHICH", help="Keep multi, first, last or strongest echoes.")
+    ] = "multi",
+    rays_per_beam: Annotated[int, typer.Option(help="Make beams of 1, 7, 19 or 37 rays.")] = 19,
+    misses: Annotated[
+        bool, typer.Option("--misses/--no-misses", help="Keep the beams without an echo, too.")
+    ] = True,
+    periodic: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,X,Y", help="Repeat this cell over the plane.", show_default=False
+        ),
+    ] = None,
+    classes: Annotated[
+        list[str],
+        typer.Option("--class", metavar="LABEL=CODE", help="Give a label a LAS class."),
+    ] = [],  # noqa: B006 - typer copies defaults
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue a stopped scan from its parts.")
+    ] = False,
+    assignments: Assignments = [],  # noqa: B006 - typer copies defaults
+    seed: Seed = None,
+    time: Time = None,
+    include: Include = [],  # noqa: B006 - typer copies defaults
+    max_memory: MaxMemory = None,
+    block_memory: BlockMemory = None,
+    quiet: Quiet = False,
+) -> None:
+    """Scan a grammar with a laser, and write the cloud of its echoes."""
+    from pcsg.commands.scan import run
+
+    run(
+        file,
+        output,
+        scanner,
+        at,
+        figure,
+        returns,
+        rays_per_beam,
+        misses,
+        periodic,
+        classes,
+        resume,
+        assignments,
+        seed,
+        time,
+        include,
+        max_memory,
+        block_memory,
+        quiet,
+    )
+
+
+@app.command()
+@guard
 def stats(
     file: File,
     assignments: Assignments = [],  # noqa: B006 - typer copies defaults

@@ -7,7 +7,7 @@
 Every function names its units and gives standard errors; docs/science.md has examples.
 """
 
-from pcsg.light.exchange import exchange
+from pcsg.light.absorption import Band, Interception, interception
 from pcsg.light.gaps import (
     GapFraction,
     gap_fraction,
@@ -16,9 +16,9 @@ from pcsg.light.gaps import (
     leaf_angles,
     projection,
 )
-from pcsg.light.interception import Band, Interception, interception
 from pcsg.light.reflectance import Reflectance, brf
 from pcsg.light.sources import Sky, Sun, direction, sky, sun
+from pcsg.light.viewfactors import exchange
 
 __all__ = [
     "Band",

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pcsg.arguments import array, whole
 from pcsg.errors import UsageError
-from pcsg.light.interception import interception
+from pcsg.light.absorption import interception
 from pcsg.light.optics import Bands, Optics, read_optics
 from pcsg.light.scattering import roulette, scatter_about, scatter_at_leaves
 from pcsg.light.sources import Sun, direction

@@ -11,10 +11,21 @@ FAINT = 0.1
 """Below this share of what it had, a ray goes on by chance only."""
 
 
+def frame_about(normals: Floats) -> tuple[Floats, Floats]:
+    """Return two unit vectors across each of unit normals, float64 (N, 3) each.
+
+    Duff et al. 2017, "Building an orthonormal basis, revisited".
+    """
+    nx, ny, nz = normals.T
+    sign = np.copysign(1.0, nz)
+    a = -1.0 / (sign + nz)
+    b = nx * ny * a
+    first = np.stack([1.0 + sign * nx * nx * a, sign * b, -sign * nx], axis=-1)
+    return first, np.stack([b, sign + ny * ny * a, -ny], axis=-1)
+
+
 def scatter_about(normals: Floats, u: Floats) -> Floats:
     """Return directions about normals with the density cos / pi, float64 (N, 3).
-
-    The frame about a normal is Duff et al. 2017, "Building an orthonormal basis, revisited".
 
     Parameters
     ----------
@@ -25,12 +36,7 @@ def scatter_about(normals: Floats, u: Floats) -> Floats:
     """
     r, angle = np.sqrt(u[:, 0]), 2.0 * np.pi * u[:, 1]
     x, y, z = r * np.cos(angle), r * np.sin(angle), np.sqrt(1.0 - u[:, 0])
-    nx, ny, nz = normals.T
-    sign = np.copysign(1.0, nz)
-    a = -1.0 / (sign + nz)
-    b = nx * ny * a
-    first = np.stack([1.0 + sign * nx * nx * a, sign * b, -sign * nx], axis=-1)
-    second = np.stack([b, sign + ny * ny * a, -ny], axis=-1)
+    first, second = frame_about(normals)
     found: Floats = x[:, None] * first + y[:, None] * second + z[:, None] * normals
     return found
 
