@@ -149,6 +149,11 @@ STEPS = ("g_int", "g_leaf", "g_bud", "g_fall", "g_col")
 _CURVE_RANGES = {"G_o1": (-360.0, 360.0), "G_o2": (-360.0, 360.0), "G_a": (0.0, 1e4)}
 
 
+def curve_range(name: str) -> tuple[float, float]:
+    """Return the least and the greatest y of a curve."""
+    return _CURVE_RANGES.get(name, (0.0, 1e3))
+
+
 @dataclass(frozen=True)
 class Species:
     """A species; lengths in metres.
@@ -342,7 +347,7 @@ class _Reader:
         if kind not in KINDS:
             self.complain("no such type", data.value["type"].span, f"one of {', '.join(KINDS)}")
         points = data.value["points"]
-        low, high = _CURVE_RANGES.get(name, (0.0, 1e3))
+        low, high = curve_range(name)
         if not isinstance(points.value, list) or len(points.value) < 2:
             self.complain(f"`{name}` needs two points at least", points.span, shape)
             return None

@@ -19,7 +19,7 @@ from pcsg.render.stage import Stage
 from pcsg.render.tracer import RenderScene
 from pcsg.trace.rays import Stopped
 
-DIVISORS = (1, 2, 3, 4, 6, 8, 12, 16)
+DIVISORS = (1, 2, 3, 4, 6, 8)
 """By which the sides of coarse pictures are smaller."""
 
 MOVING = 1.0 / 20.0

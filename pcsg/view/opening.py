@@ -19,6 +19,7 @@ from pcsg.jit import is_cached
 from pcsg.render.camera import Camera
 from pcsg.render.stage import Overrides, Stage, build_stage
 from pcsg.scene import Scene
+from pcsg.view.growing import describe_growth
 from pcsg.view.wants import Want
 
 
@@ -139,6 +140,7 @@ class Prepared:
             "bounds": bounds.tolist() if np.isfinite(bounds).all() else None,
             "mode": self._stage.mode,
             "ground": self._stage.ground,
+            **describe_growth(Path(self.opened.files[0])),
             "warnings": [describe_diagnostic(d) for d in self._all_warnings()],
         }
 

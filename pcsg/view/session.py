@@ -13,7 +13,7 @@ from pcsg.view.inbox import Message
 from pcsg.view.opening import Limits, describe_error
 from pcsg.view.outgoing import Outgoing
 from pcsg.view.process import Ended, Process, tell_end, tell_memory
-from pcsg.view.wants import Want, read_question, read_want
+from pcsg.view.wants import Want, read_draft, read_question, read_sheet, read_want
 from pcsg.view.worker import Picture
 
 PATIENCE = 3.0
@@ -105,6 +105,10 @@ class Session:
                 self._save(message)
             elif word == "ask":
                 self._send(Message("ask", read_question(message)))
+            elif word == "sheet":
+                self._send(Message("sheet", read_sheet(message)))
+            elif word == "draft":
+                self._send(Message("draft", read_draft(message)))
             elif word == "file":
                 self._send(Message("file"))
             elif word == "stop":

@@ -19,6 +19,8 @@ MOST_VALUES = 1000
 
 MOST_SAMPLES = 4096
 
+LARGEST_DRAFT = 1 << 20
+
 LAYERS = ("picture", "depth", "normal", "albedo", "label", "leaf")
 """What a page may look at."""
 
@@ -98,6 +100,35 @@ class Question:
 def read_question(data: Mapping[str, Any]) -> Question:
     """Return what a click asks for; errors as for `read_want`."""
     return Question(read_want({**data, "type": "want"}), read_place(data))
+
+
+MOST_TILES = 64
+
+
+@dataclass(frozen=True)
+class SheetWant:
+    """A sheet of small pictures: the values of one parameter, all else as wanted."""
+
+    want: Want
+    name: str
+    steps: tuple[float, ...]
+
+
+def read_sheet(data: Mapping[str, Any]) -> SheetWant:
+    """Return the sheet that is asked for; errors as for `read_want`."""
+    name, steps = data.get("name"), data.get("steps")
+    if not isinstance(name, str) or not isinstance(steps, list) or len(steps) > MOST_TILES:
+        raise UsageError("a sheet has the name of a parameter and up to 64 values")
+    values = [read_values({name: step})[name] for step in steps]
+    return SheetWant(read_want(data), name, tuple(values))
+
+
+def read_draft(data: Mapping[str, Any]) -> str:
+    """Return a text that is to be shown before it is saved; errors as for `read_want`."""
+    text = data.get("text")
+    if not isinstance(text, str) or len(text) > LARGEST_DRAFT:
+        raise UsageError(f"a draft is a text of at most {LARGEST_DRAFT >> 20} MB")
+    return text
 
 
 def read_values(data: Any) -> dict[str, float]:

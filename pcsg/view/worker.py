@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,8 @@ from pcsg.view.opening import (
     open_grammar,
     overrides_of,
 )
-from pcsg.view.wants import Question, Want
+from pcsg.view.sheet import make_tiles
+from pcsg.view.wants import Question, SheetWant, Want
 
 FAILURES = (PcsgError, MemoryError, RecursionError, OSError, ArithmeticError, ValueError)
 """What may go wrong with a scene; the page tells it."""
@@ -113,6 +115,8 @@ class Worker:
     def __init__(self, send: Send, path: Path, limits: Limits) -> None:
         self._send, self._path, self._limits = send, path, limits
         self._is_stale = True
+        self._opened_path = path
+        self._drafts: TemporaryDirectory[str] | None = None
         self._opened: Opened | None = None
         self._prepared: Prepared | None = None
         self._progressive: Progressive | None = None
@@ -133,7 +137,9 @@ class Worker:
         """Do what was asked besides the picture."""
         for message in messages:
             if message.word == "reload":
-                self._is_stale = True
+                self._is_stale, self._opened_path = True, self._path
+            elif message.word == "draft":
+                self._take_draft(message.content)
             elif message.word == "again":
                 self.rests, self._shown, self._refused = False, None, None
                 self._tell_scene(0.0)
@@ -141,9 +147,21 @@ class Worker:
                 self.rests = True
             elif message.word == "ask":
                 self._answer(message.content)
+            elif message.word == "sheet":
+                self._make_sheet(message.content)
             elif message.word == "file":
                 self._file_is_due = True
                 self._send_file()
+
+    def _take_draft(self, text: str) -> None:
+        """Show a text that is not saved: of a species, which names no other files."""
+        if self._path.suffix.lower() != ".json":
+            return
+        if self._drafts is None:
+            self._drafts = TemporaryDirectory(prefix="pcsg-view-")
+        self._opened_path = Path(self._drafts.name) / self._path.name
+        self._opened_path.write_text(text, encoding="utf-8")
+        self._is_stale = True
 
     def _answer(self, question: Question) -> None:
         if self._prepared is None:
@@ -152,6 +170,19 @@ class Worker:
             self._send(answer(self._prepared, question))
         except PcsgError as error:
             self._tell_errors(error)
+
+    def _make_sheet(self, sheet: SheetWant) -> None:
+        if self._opened is None:
+            return
+        tiles = make_tiles(self._opened, sheet, self._limits, lambda: self.inbox.superseded)
+        for k, tile in enumerate(tiles):
+            head = {"type": "tile", "index": k, "value": sheet.steps[k]}
+            if isinstance(tile, str):
+                self._send({**head, "error": tile})
+                continue
+            data, kind = encode(tile.to_bytes(), False)
+            nothing = np.zeros((0, 0), np.float32)
+            self._send(Picture({**head, "kind": kind}, nothing, data, f"tile {k}"))
 
     def _send_file(self) -> None:
         """Send the picture as the file that ``pcsg render`` writes, once it is done."""
@@ -211,7 +242,7 @@ class Worker:
             self._is_stale = False
             self._opened = None
             self._send({"type": "preparing", "share": None})
-            self._opened = open_grammar(self._path, self._limits.include)
+            self._opened = open_grammar(self._opened_path, self._limits.include)
         opened, before = self._opened, self._prepared
         if opened is None or self._refused == (opened, want.values):
             return

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import json
 import sys
 
 import numpy as np
@@ -19,6 +20,13 @@ THING = """{n = 2} S
 S if(n > 0, 1, 2)
 1: S -> color(0.8, 0.3, 0.1) box | {n = n-1} move(1.5, 0, 1.5) uscale(0.6) S
 2: S -> color(0.1, 0.3, 0.8) sphere
+"""
+SMALL_TREE = """{
+  "species": "small", "ymax": 6, "trunk_scale": 4.0,
+  "curves": {
+    "G_h": {"type": "pchip", "points": [[0, 0], [0.3, 0.4], [1, 1]]}
+  }
+}
 """
 ENDLESS = "{n = 1e9} repeat(9, move(0,0,1)) for(i, 0, n) box\n"
 
@@ -203,7 +211,7 @@ def test_an_endless_grammar_leaves_the_page_alive(page, served):
     assert len(served.children()) == len(before)
     served.file.write_text(ENDLESS)
     page.wait_for_timeout(1200)
-    wait_for(lambda: page.locator("#stop").is_visible(), "the button")
+    wait_for(lambda: page.locator("#stop").is_enabled(), "the button")
     page.click("#stop")
     wait_for(lambda: "stopped" in page.inner_text("#errors"), "a word about it")
 
@@ -244,3 +252,53 @@ def test_the_page_sends_rays_where_the_renderer_does(page, projection):
     origins, directions = camera.rays(np.array([0.45]), np.array([0.6]), (1.5, 1.0))
     assert np.allclose(found["origin"], origins[0], rtol=0, atol=1e-12)
     assert np.allclose(found["direction"], directions[0], rtol=0, atol=1e-12)
+
+
+def test_a_sheet_shows_values_and_a_click_takes_one(page):
+    first = pixels(page)
+    page.click("#open-sheet")
+    wait_for(lambda: page.locator("#tiles img").count() == 11, "all tiles")
+    before = frames(page)
+    page.click("#tiles button:has-text('n = 0')")
+    settle(page, before)
+    assert np.abs(pixels(page) - first).mean() > 3
+    assert page.input_value("#value-n") == "0"
+
+
+@pytest.fixture
+def tree(browser, tmp_path):
+    file = tmp_path / "small.json"
+    file.write_text(SMALL_TREE)
+    with serving(file, "-D", "t=2.6") as running:
+        opened = browser.new_context(viewport={"width": 900, "height": 420}).new_page()
+        opened.goto(running.page)
+        reach(opened, "done")
+        yield opened, file
+        opened.context.close()
+
+
+def test_the_timeline_plays_and_curves_are_dragged_by_hand(tree):
+    page, file = tree
+    age = float(page.input_value("#value-t"))
+    before = frames(page)
+    page.click("text=Play")
+    wait_for(lambda: frames(page) > before + 2, "pictures")
+    page.click("text=Pause")
+    assert float(page.input_value("#value-t")) != age
+    settle(page, before + 2)
+    first = pixels(page)
+    page.locator(".plot").scroll_into_view_if_needed()
+    point = page.locator(".plot circle").last.bounding_box()
+    page.mouse.move(point["x"] + 5, point["y"] + 5)
+    page.mouse.down()
+    page.mouse.move(point["x"] + 5, point["y"] + 60, steps=5)
+    page.mouse.up()
+    wait_for(lambda: np.abs(pixels(page) - first).mean() > 0.2, "another tree")
+    assert file.read_text() == SMALL_TREE
+    page.click("#curves >> text=Save >> nth=0")
+    wait_for(lambda: file.read_text() != SMALL_TREE, "the file")
+    saved = json.loads(file.read_text())
+    assert saved["ymax"] == 6
+    assert saved["curves"]["G_h"]["points"][-1][1] < 0.9
+    page.click("text=Undo")
+    wait_for(lambda: page.input_value("#text-pane textarea") == SMALL_TREE, "the text")

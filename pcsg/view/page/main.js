@@ -3,15 +3,18 @@
 import { Answers } from "./answers.js";
 import { frame } from "./camera.js";
 import { commandOf, copy, settingOf } from "./command.js";
+import { Curves } from "./curves.js";
 import { Errors } from "./errors.js";
 import { Hands } from "./hands.js";
 import { Link } from "./link.js";
 import { Picture } from "./picture.js";
+import { Sheet } from "./sheet.js";
 import { Sliders } from "./sliders.js";
 import { TextPane } from "./text.js";
 
 const $ = (id) => document.getElementById(id);
 const LATE = 250; // milliseconds after which a picture while moving is not waited for
+const YOUNG = 7; // years of a tree that follows a hand
 const KEPT = "wanted";
 const kept = JSON.parse(sessionStorage.getItem(KEPT) ?? "null");
 const wanted = { values: {}, camera: null, mode: null, layer: "picture", samples: 16, ...kept };
@@ -24,7 +27,7 @@ const become = (state) => (document.body.dataset.state = state);
 
 // Ask for the picture that is wanted. While something moves one is under way at a time, so that a
 // slow connection gets fewer pictures and no queue.
-function ask() {
+function ask(instead = {}) {
   if (moving && awaited && performance.now() - awaitedAt < LATE) {
     due = true;
     return;
@@ -33,7 +36,8 @@ function ask() {
   awaited = ++number;
   awaitedAt = performance.now();
   sessionStorage.setItem(KEPT, JSON.stringify({ values: wanted.values, camera: wanted.camera, mode: wanted.mode }));
-  link.send({ type: "want", ...wanted, camera: wanted.camera ?? {}, size: picture.wantedSize(), moving, number });
+  const values = { ...wanted.values, ...instead };
+  link.send({ type: "want", ...wanted, values, camera: wanted.camera ?? {}, size: picture.wantedSize(), moving, number });
 }
 
 const picture = new Picture($("picture"));
@@ -44,10 +48,37 @@ const showLine = (line, column) => {
 };
 const errors = new Errors($("errors"), (error) => showLine(error.line, error.column));
 const answers = new Answers($("answers"), showLine);
-const sliders = new Sliders($("parameters"), (values, isMoving) => {
+const sliders = new Sliders($("parameters"), (values, isMoving, plays) => {
   wanted.values = values;
+  // A tree is seen to grow only if the camera stands still.
+  if (plays === "t" && scene.grown) wanted.camera ??= { ...home, ...scene.grown };
   moving = isMoving;
   ask();
+});
+
+const sheet = new Sheet($("sheet"), {
+  ask: (name, steps, size) => link.send({ type: "sheet", name, steps, ...wanted, camera: wanted.camera ?? {}, size }),
+  take(name, value) {
+    wanted.values = { ...wanted.values, [name]: value };
+    sliders.set(wanted.values);
+    view.rest();
+  },
+  close: () => view.rest(),
+});
+
+const curves = new Curves($("curves"), {
+  text: () => pane.area.value,
+  // A draft is shown before it is saved. While a hand moves, the tree is a young one.
+  draft(text, isMoving) {
+    pane.area.value = text;
+    pane.draw();
+    link.send({ type: "draft", text });
+    const age = wanted.values.t ?? scene.own.t;
+    moving = isMoving;
+    ask(isMoving ? { t: Math.min(age, YOUNG) } : {});
+  },
+  save: () => pane.store(),
+  download: (text) => heard.file({ blob: new Blob([text]), name: file.replace(/^.*\//, "").replace(/(\.json)?$/, ".json") }),
 });
 
 const view = {
@@ -102,26 +133,28 @@ const heard = {
     become("preparing");
     const share = message.share === null ? "" : ` ${Math.round(100 * message.share)} %`;
     say(message.compiling ? "compiling kernels, which are kept: half a minute or so" : `preparing the scene${share}`);
-    $("stop").hidden = false;
+    $("stop").disabled = false;
   },
   scene(message) {
     scene = message;
     sliders.show(scene, wanted.values);
+    curves.show(scene.curves);
     errors.show(message.warnings);
     pane.mark(message.warnings);
-    $("stop").hidden = true;
+    $("stop").disabled = true;
     become("drawing");
   },
   errors(message) {
     errors.show(message.errors);
     pane.mark(message.errors);
-    $("stop").hidden = true;
+    $("stop").disabled = true;
     become("errors");
     say(message.errors.length === 1 ? "there is a mistake" : `there are ${message.errors.length} mistakes`);
   },
   trouble(message) {
     errors.show(message.errors);
   },
+  tile: (message) => sheet.show(message),
   answer: (message) => answers.show(message),
   async frame(message) {
     if (message.number >= awaited) awaited = 0;
@@ -176,6 +209,7 @@ $("layer").addEventListener("change", (e) => {
   view.rest();
 });
 $("frame").addEventListener("click", () => view.frame());
+$("open-sheet").addEventListener("click", () => scene && sheet.open(sliders.ranges()));
 $("reset").addEventListener("click", () => view.reset());
 $("stop").addEventListener("click", () => link.send({ type: "stop" }));
 $("toggle-text").addEventListener("click", () => openText($("text-pane").hidden));

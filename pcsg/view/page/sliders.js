@@ -17,7 +17,8 @@ export function rangeOf(value) {
 }
 
 export class Sliders {
-  // `change(values, moving)` gets the values that differ from the grammar's.
+  // `change(values, moving, plays)` gets the values that differ from the grammar's; `plays` is the
+  // parameter that runs by itself.
   constructor(element, change) {
     this.element = element;
     this.change = change;
@@ -35,6 +36,17 @@ export class Sliders {
     if (signature !== this.signature) this.build(names, scene);
     this.signature = signature;
     for (const [name, row] of this.rows) row.set(this.values[name] ?? scene.parameters[name]);
+  }
+
+  // Show other values.
+  set(values) {
+    this.values = { ...values };
+    for (const [name, row] of this.rows) if (name in values) row.set(values[name]);
+  }
+
+  // The range of every parameter, by name.
+  ranges() {
+    return new Map([...this.rows].map(([name, row]) => [name, row.range]));
   }
 
   build(names, scene) {
@@ -71,22 +83,23 @@ export class Sliders {
     const slider = document.createElement("input");
     Object.assign(slider, { type: "range", min: range.low, max: range.high, step: range.step });
     slider.setAttribute("aria-label", label.textContent);
-    const take = (text, moving) => {
+    const take = (text, moving, plays) => {
       const value = Number(text);
       if (text === "" || !Number.isFinite(value)) return;
       number.value = slider.value = String(value);
       if (document.activeElement === number) number.value = text;
       this.values[name] = value;
       if (value === own && !GLOBALS.includes(name)) delete this.values[name];
-      this.change({ ...this.values }, moving);
+      this.change({ ...this.values }, moving, plays);
     };
     slider.addEventListener("input", () => take(slider.value, true));
     slider.addEventListener("change", () => take(slider.value, false));
     number.addEventListener("change", () => take(number.value, false));
     row.append(label, number, slider);
     if (name === "SEED") row.append(this.button("Throw the dice", () => take(String(Math.floor(1e4 * Math.random())), false)));
-    if (name === "TIME") row.append(this.player(take, number, range));
-    this.rows.set(name, { set: (value) => { if (document.activeElement !== number) number.value = value; slider.value = value; }, take });
+    if (name === "TIME") range.play = 1;
+    if (range.play) row.append(this.player(name, take, number, range));
+    this.rows.set(name, { range, set: (value) => { if (document.activeElement !== number) number.value = value; slider.value = value; } });
     return row;
   }
 
@@ -98,17 +111,17 @@ export class Sliders {
   }
 
   // Let a value run from the low end of its range to the high one, again and again.
-  player(take, number, range, seconds = 1) {
+  player(name, take, number, range) {
     const button = this.button("Play", () => {
       if (this.playing) return this.stop();
       button.textContent = "Pause";
       button.setAttribute("aria-pressed", "true");
       let before = performance.now();
       const step = (now) => {
-        let value = Number(number.value) + (now - before) / 1000 / seconds;
+        let value = Number(number.value) + ((now - before) / 1000) * range.play;
         before = now;
         if (value > range.high) value = range.low + ((value - range.high) % Math.max(range.high - range.low, 1e-9));
-        take(value.toFixed(3), true);
+        take(value.toFixed(3), true, name);
         this.playing.frame = requestAnimationFrame(step);
       };
       this.playing = { frame: requestAnimationFrame(step), button };
