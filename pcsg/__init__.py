@@ -5,10 +5,10 @@
     pcsg.render(scene, size=(640, 480)).save("tree.png")
 
 Scenes: `load`, `loads`, `Scene`. What rays meet: `Hits`, `Crossings`, `Spans`. Pictures: `render`,
-`Image`. Canopies: `light`, `lidar`. Graphs built in Python: `S` modules, `C` calculations, `P`
-parameters, `define`, `if_`, `and_`, `or_`, `not_`, `call`; every primitive, transformation and
-attribute of the language is a function here: ``sphere()``, ``move(0, 0, 1)``, ``color(1, 0, 0)``;
-`scatter` places copies by a table; `tree` and its parts grow.
+`Image`, and in notebooks `show`. Canopies: `light`, `lidar`. Graphs built in Python: `S` modules,
+`C` calculations, `P` parameters, `define`, `if_`, `and_`, `or_`, `not_`, `call`; every primitive,
+transformation and attribute of the language is a function here: ``sphere()``, ``move(0, 0, 1)``,
+``color(1, 0, 0)``; `scatter` places copies by a table; `tree` and its parts grow.
 Errors: all are `PcsgError`.
 
 ``help(pcsg.Scene)`` and ``help(pcsg.render)`` tell more; docs/python.md has examples.
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from pcsg.render import Image, render
     from pcsg.scene import Scene, load, loads
     from pcsg.trace.hits import Crossings, Hits, Spans
+    from pcsg.view.notebook import show
 
 _HOMES = {
     "C": "pcsg.graph.build",
@@ -66,6 +67,7 @@ _HOMES = {
     "not_": "pcsg.graph.expr",
     "or_": "pcsg.graph.expr",
     "render": "pcsg.render",
+    "show": "pcsg.view.notebook",
     "tree": "pcsg.growth.leaf",
     "tree_leaves": "pcsg.growth.leaf",
     "tree_wood": "pcsg.growth.leaf",
@@ -96,6 +98,7 @@ __all__ = [
     "not_",
     "or_",
     "render",
+    "show",
     "tree",
     "tree_leaves",
     "tree_wood",

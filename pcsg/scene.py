@@ -486,6 +486,12 @@ class Scene:
         """Return the scene as text of the language."""
         return to_pcsg(self.graph)
 
+    def _repr_png_(self) -> bytes:
+        """Return a small picture as PNG, which notebooks show, made in some seconds at most."""
+        from pcsg.render.progressive import picture_within
+
+        return picture_within(self)._repr_png_()
+
     def __reduce__(self) -> tuple[Any, ...]:
         values = {name: self.values[name] for name in ("SEED", "TIME")}
         limits = {

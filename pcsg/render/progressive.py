@@ -9,13 +9,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from threading import Timer
 from typing import Any
 
 from pcsg.render.image import Image
 from pcsg.render.job import Job, Progress
 from pcsg.render.options import Options
 from pcsg.render.preview import Preview
-from pcsg.render.stage import Stage
+from pcsg.render.stage import Stage, build_stage
 from pcsg.render.tracer import RenderScene
 from pcsg.trace.rays import Stopped
 
@@ -200,3 +201,26 @@ def _finest(job: Job, done: bool) -> Frame:
         progress.rays,
         progress.seconds,
     )
+
+
+def picture_within(
+    scene: RenderScene, size: tuple[int, int] = (400, 300), seconds: float = 5.0
+) -> Image:
+    """Return a picture of a scene as fine as a time allows, once the scene is prepared.
+
+    Where it is too short for a sample of every pixel, the picture is smaller.
+    """
+    stage = build_stage(scene, size, {})
+    options = Options(size)
+    coarse = Progressive(scene, stage, {}, lambda: False).glance(options, DIVISORS[-1])
+    job = Job(scene, options, stage=stage.seen_by(stage.camera, size[1], options.detail))
+    timer = Timer(seconds, job.stop)
+    timer.start()
+    try:
+        job.run()
+    except Stopped:
+        pass
+    finally:
+        timer.cancel()
+    image = job.image()
+    return image if image.finished.all() else coarse.image

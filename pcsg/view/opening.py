@@ -86,24 +86,50 @@ class Prepared:
     ----------
     opened
         Its grammar.
+    scene
+        The scene.
+    stage
+        Its stage, as its own camera sees it.
     values
-        Of its parameters.
+        That were given to its parameters.
     size
-        Of the first picture: the automatic camera depends on its shape.
-    tell_compiling
-        Called where kernels have to be compiled first.
+        Of the picture for which that camera was placed, if it is an automatic one.
     """
 
     def __init__(
         self,
         opened: Opened,
+        scene: Scene,
+        stage: Stage,
+        values: Mapping[str, float],
+        size: tuple[int, int],
+    ) -> None:
+        self.opened, self.scene, self.values = opened, scene, dict(values)
+        self._stage = stage
+        self._homes = {size: stage.camera}
+
+    @classmethod
+    def make(
+        cls,
+        opened: Opened,
         values: Mapping[str, float],
         limits: Limits,
         size: tuple[int, int],
         tell_compiling: Callable[[], None] = lambda: None,
-    ) -> None:
-        self.opened, self.values = opened, dict(values)
-        self.scene = Scene(
+    ) -> Prepared:
+        """Prepare the scene of a grammar.
+
+        Parameters
+        ----------
+        tell_compiling
+            Called where kernels have to be compiled first.
+
+        Raises
+        ------
+        PcsgError
+            There is no picture for these values.
+        """
+        scene = Scene(
             opened.graph,
             values,
             engine=limits.engine,  # type: ignore[arg-type]  # Scene checks it
@@ -111,10 +137,14 @@ class Prepared:
             max_memory=limits.max_memory,
             block_memory=limits.block_memory,
         )
-        if not is_cached(self.scene.tracer.kernel):
+        if not is_cached(scene.tracer.kernel):
             tell_compiling()
-        self._stage = build_stage(self.scene, size, {})
-        self._homes = {size: self._stage.camera}
+        return cls(opened, scene, build_stage(scene, size, {}), values, size)
+
+    @classmethod
+    def of(cls, opened: Opened, scene: Scene, size: tuple[int, int] = (600, 450)) -> Prepared:
+        """Return a scene that is there already."""
+        return cls(opened, scene, build_stage(scene, size, {}), {}, size)
 
     def stage_for(self, want: Want) -> Stage:
         """Return the stage as a page wants to see it."""
@@ -140,7 +170,7 @@ class Prepared:
             "bounds": bounds.tolist() if np.isfinite(bounds).all() else None,
             "mode": self._stage.mode,
             "ground": self._stage.ground,
-            **describe_growth(Path(self.opened.files[0])),
+            **(describe_growth(Path(self.opened.files[0])) if self.opened.files else {}),
             "warnings": [describe_diagnostic(d) for d in self._all_warnings()],
         }
 

@@ -35,7 +35,7 @@ def make_tiles(
             return
         want = replace(sheet.want, values={**sheet.want.values, sheet.name: value})
         try:
-            prepared = Prepared(opened, want.values, limits, want.size)
+            prepared = Prepared.make(opened, want.values, limits, want.size)
             stage = prepared.stage_for(want)
             maker = Progressive(prepared.scene, stage, {}, superseded, limits.threads)
             job = maker.refine(Options(want.size, SAMPLES), lambda frame: None)

@@ -259,19 +259,25 @@ class Worker:
 
         self._send({"type": "preparing", "share": None})
         with watched(report):
-            prepared = Prepared(opened, want.values, self._limits, want.size, self._tell_compiling)
+            prepared = Prepared.make(
+                opened, want.values, self._limits, want.size, self._tell_compiling
+            )
         self._refused = None
-        self._prepared = prepared
+        self.adopt(prepared)
+        self._tell_scene(time.perf_counter() - begin)
+
+    def adopt(self, prepared: Prepared) -> None:
+        """Show a scene from now on."""
+        self._opened, self._prepared, self._is_stale = prepared.opened, prepared, False
         self._below = None
         self._progressive = Progressive(
             prepared.scene,
-            prepared.stage_for(want),
+            prepared.stage_for(Want()),
             {},
             lambda: self.inbox.superseded,
             self._limits.threads,
             UNKNOWN_PACE if self._progressive is None else self._progressive.pace,
         )
-        self._tell_scene(time.perf_counter() - begin)
 
     def _tell_compiling(self) -> None:
         self._send({"type": "preparing", "share": None, "compiling": True})
