@@ -23,7 +23,7 @@ from pcsg.trace.rays import Stopped
 DIVISORS = (1, 2, 3, 4, 6, 8)
 """By which the sides of coarse pictures are smaller."""
 
-MOVING = 1.0 / 20.0
+MOVING = 1.0 / 15.0
 """Seconds that a picture may take while the camera moves."""
 
 STEP = 0.12
@@ -31,6 +31,9 @@ STEP = 0.12
 
 FIRST_LOOK, LAST_LOOK = 0.2, 1.5
 """Seconds between two looks at the finest picture while it is made, at first and later."""
+
+OVERHEAD = 0.012
+"""Seconds that a picture takes however small it is."""
 
 UNKNOWN_PACE = 4e-6
 """Seconds for a pixel where nothing has been measured yet."""
@@ -134,7 +137,8 @@ class Progressive:
             self.pace *= 2.0
             raise
         taken = time.perf_counter() - begin
-        self.pace = 0.5 * self.pace + 0.5 * taken / (width * height)
+        spent = max(taken - OVERHEAD, 0.2 * taken)
+        self.pace = 0.5 * self.pace + 0.5 * spent / (width * height)
         return Frame(job.image(), job.stage, divisor, False, 0.0, job.progress.rays, taken)
 
     def refine(self, options: Options, show: Callable[[Frame], None]) -> Job:
@@ -181,7 +185,7 @@ class Progressive:
     def _divisor(self, options: Options, seconds: float) -> int:
         """Return the least divisor of a picture that takes no longer."""
         pixels = options.size[0] * options.size[1]
-        fitting = (d for d in DIVISORS if self.pace * pixels / d**2 <= seconds)
+        fitting = (d for d in DIVISORS if OVERHEAD + self.pace * pixels / d**2 <= seconds)
         return next(fitting, DIVISORS[-1])
 
     def turn(self, stage: Stage, overrides: Mapping[str, Mapping[str, Any]]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
@@ -116,6 +116,7 @@ class Worker:
         self._send, self._path, self._limits = send, path, limits
         self._is_stale = True
         self._opened_path = path
+        self._draft: Path | None = None
         self._drafts: TemporaryDirectory[str] | None = None
         self._opened: Opened | None = None
         self._prepared: Prepared | None = None
@@ -159,7 +160,7 @@ class Worker:
             return
         if self._drafts is None:
             self._drafts = TemporaryDirectory(prefix="pcsg-view-")
-        self._opened_path = Path(self._drafts.name) / self._path.name
+        self._opened_path = self._draft = Path(self._drafts.name) / self._path.name
         self._opened_path.write_text(text, encoding="utf-8")
         self._is_stale = True
 
@@ -226,9 +227,14 @@ class Worker:
             self._tell_errors(error)
 
     def _tell_errors(self, error: BaseException) -> None:
-        files = set(self._opened.files) if self._opened else {str(self._path)}
+        files = set(self._opened.files if self._opened else ())
         files |= files_in(getattr(error, "diagnostics", ()))
-        self._send({"type": "errors", "errors": describe_error(error), "files": sorted(files)})
+        told = describe_error(error)
+        self._send({"type": "errors", "errors": told, "files": self._saved(files)})
+
+    def _saved(self, files: Iterable[str]) -> list[str]:
+        """Return the files that somebody may save: a draft is none."""
+        return sorted({str(self._path), *files} - {str(self._draft)})
 
     def _prepare(self, want: Want) -> None:
         """Have the scene with the values that are wanted.
@@ -285,7 +291,7 @@ class Worker:
     def _tell_scene(self, seconds: float) -> None:
         if self._prepared is None:
             return
-        files = list(self._prepared.opened.files)
+        files = self._saved(self._prepared.opened.files)
         self._send({"type": "scene", **self._prepared.describe(), "files": files, "took": seconds})
 
     def _draw(self, want: Want) -> bool:
