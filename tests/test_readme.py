@@ -34,9 +34,8 @@ def blocks(kind: str, text: str = README) -> list[str]:
 
 
 def commands(text: str) -> list[list[str]]:
-    lines = [
-        shlex.split(line, comments=True) for b in blocks("sh", text) for line in b.splitlines()
-    ]
+    whole = [block.replace("\\\n", " ") for block in blocks("sh", text)]
+    lines = [shlex.split(line, comments=True) for b in whole for line in b.splitlines()]
     return [words[1:] for words in lines if words and words[0] == "pcsg"]
 
 

@@ -81,7 +81,7 @@ class Cloud:
         Raises
         ------
         UsageError
-            The ending is unknown, or laspy is missing: ``pip install pcsg-raytracer[science]``.
+            The ending is unknown, or laspy is missing: ``pip install '.[science]'``.
         """
         from pcsg.lidar.files import write_cloud
 
