@@ -1,6 +1,7 @@
 """Measure everything, or the subjects that are named; or compare two versions.
 
-``python -m benchmarks [--write] [--tiny] [SUBJECT...]``, ``python -m benchmarks compare OLD NEW``
+``python -m benchmarks [--write] [--tiny] [SUBJECT...]``, ``python -m benchmarks compare OLD NEW``,
+``python -m benchmarks validation``
 """
 
 from __future__ import annotations
@@ -60,6 +61,10 @@ def main(arguments: list[str] | None = None) -> None:
     words = sys.argv[1:] if arguments is None else arguments
     if words[:1] == ["compare"]:
         sys.exit(compare.main(words[1:]))
+    if words[:1] == ["validation"]:
+        from benchmarks import validation
+
+        sys.exit(validation.main(words[1:]))
     parser = argparse.ArgumentParser(
         "python -m benchmarks",
         description="Ours beside peers.",

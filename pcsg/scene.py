@@ -15,6 +15,7 @@ from pcsg import arguments
 from pcsg.collector import collector_at_rest
 from pcsg.errors import GrammarError, UsageError
 from pcsg.graph.bounds import HyperBoxes
+from pcsg.graph.derivation import Derivation, find_derivation
 from pcsg.graph.digest import digest_of
 from pcsg.graph.evaluate import axiom_values, setting_defaults, setting_values, unit
 from pcsg.graph.graph import GLOBALS, Graph
@@ -31,6 +32,7 @@ from pcsg.trace.periodic import PeriodicScene, as_cell
 from pcsg.trace.rays import check_rays
 from pcsg.trace.tracer import Engine, StatesTracer
 from pcsg.trace.walker import Walker
+from pcsg.vec import Vec3
 
 if TYPE_CHECKING:
     from pcsg.graph.leaves import Leaves
@@ -410,6 +412,38 @@ class Scene:
             rays = check_rays(origins, directions, t_min, t_max)
             return self._repeated(periodic).intersect(rays, self.tracer.intersect)
         return self.tracer.intersect(origins, directions, t_min, t_max)
+
+    def derivation(self, hits: Hits, i: int) -> Derivation | None:
+        """Return how the grammar derives what a ray met.
+
+        Parameters
+        ----------
+        hits
+            What `intersect` returned.
+        i
+            Number of the ray.
+
+        Returns
+        -------
+        Derivation or None
+            Modules and rules from the axiom down, the parameters' values in the last rule, and the
+            primitive's arguments. None for a miss, and where the search was given up: too much
+            stands in one place, or the parts of a module all lie within its box.
+        """
+        arguments.whole(i, "i", 0, len(hits) - 1)
+        if not hits.mask[i]:
+            return None
+        position = hits.position[i].copy()
+        position[:2] -= getattr(hits, "shift", np.zeros((len(hits), 2)))[i]
+        size = float(np.abs(position).max()) + float(hits.t[i])
+        return find_derivation(
+            self.graph,
+            self.values,
+            self.boxes.boxes,
+            int(hits.leaf[i]),
+            Vec3(*position.tolist()),
+            Vec3(*(1e-6 * size * hits.normal[i]).tolist()),
+        )
 
     def _repeated(self, periodic: ArrayLike) -> PeriodicScene:
         """Return who answers periodic rays."""

@@ -14,6 +14,7 @@ from pcsg.errors import UsageError
 from pcsg.lidar.cloud import Cloud, join
 from pcsg.lidar.scanners import Leg, Scanner, as_legs, as_scanner
 from pcsg.light.scattering import frame_about
+from pcsg.light.stage import chance
 from pcsg.trace.periodic import as_cell
 
 if TYPE_CHECKING:
@@ -139,8 +140,7 @@ def scan_piece(
     seed: int,
 ) -> Cloud:
     """Return the cloud of a part of a scan; its chance belongs to the part."""
-    key = [seed, (piece.leg << 40) + piece.first]
-    rng = np.random.Generator(np.random.Philox(key=key))
+    rng = chance(seed, piece.leg, piece.first)
     numbers = piece.first + np.arange(piece.beams)
     origins, directions = scanner.beams(legs[piece.leg], numbers)
     if scanner.angle_sd > 0.0:

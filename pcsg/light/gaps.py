@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcsg.arguments import array, whole
 from pcsg.errors import UsageError
 from pcsg.light.sources import direction
-from pcsg.light.stage import Stage, batches
+from pcsg.light.stage import Stage, batches, chance
 from pcsg.trace.measures import Measured
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def projection(
     normals = drawn.normals if label is None else drawn.normals[drawn.label == label]
     if not len(normals):
         raise UsageError(f"the scene has no surface of label {label}")
-    rng = np.random.Generator(np.random.Philox(key=[seed, 1]))
+    rng = chance(seed, 1)
     turn = 360.0 * rng.random(len(normals)) if azimuth is None else np.full(len(normals), azimuth)
     found = []
     for angle in np.atleast_1d(array(zenith, "zenith")).tolist():

@@ -124,9 +124,14 @@ class Stage:
         return np.asarray(self.scene.sheets[np.maximum(hits.leaf, 0)])
 
 
+def chance(*keys: int) -> np.random.Generator:
+    """Return random numbers that belong to some whole numbers, of a generator that counts."""
+    return np.random.Generator(np.random.Philox(np.random.SeedSequence(keys)))
+
+
 def batches(rays: int, seed: int) -> Iterator[tuple[int, np.random.Generator]]:
     """Yield sizes of batches, and chance that belongs to each: results do not depend on threads."""
     size = max(1, min(BATCH, -(-rays // BATCHES)))
     for k, begin in enumerate(range(0, rays, size)):
         count = min(size, rays - begin)
-        yield count, np.random.Generator(np.random.Philox(key=[seed, k]))
+        yield count, chance(seed, k)

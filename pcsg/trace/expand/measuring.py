@@ -300,7 +300,7 @@ class Measuring:
         return bool((masses[above] > 0.0).any())
 
     def _estimate(self, by: Key | None) -> dict[Any, Measured] | Measured:
-        rng = np.random.Generator(np.random.Philox(key=0))
+        rng = np.random.Generator(np.random.Philox(np.random.SeedSequence(0)))
         drawn = self.draw(SAMPLES, rng)
         if by is None:
             return drawn.measure(np.ones(SAMPLES, np.bool_))
@@ -394,7 +394,7 @@ class Measuring:
     def sample(self, n: int, seed: int) -> Samples:
         """Return points uniform by area; see `Scene.sample`."""
         self.require_union("the surface")
-        rng = np.random.Generator(np.random.Philox(key=seed))
+        rng = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed)))
         parts: list[Drawn] = []
         tried, taken = 0, 0
         while taken < n:
