@@ -28,6 +28,7 @@ _LEAVES = {
     "tri1": "triangle { 0, x, y }",
     "tri2": "triangle { 0, -x, -y }",
     "disc": "disc { 0, z, 1 }",
+    "infcylinder": "quadric { <1, 1, 0>, 0, 0, -1 }",
     "rectangle": "polygon { 4, <-1,-1,0>, <1,-1,0>, <1,1,0>, <-1,1,0> }",
 }
 

@@ -14,6 +14,7 @@ import numpy as np
 from llvmlite import ir
 from numpy.typing import NDArray
 
+from pcsg.indices import wide
 from pcsg.jit import Intrinsic, njit
 
 
@@ -58,6 +59,74 @@ def _view_at(item: str) -> Any:
 
 _ITEMS = ("int8", "int32", "int64", "uint64", "float32", "float64")
 _VIEWS: dict[str, Any] = {item: _view_at(item) for item in _ITEMS}
+
+
+FAR = 1 << 60
+"""The length of an array of which the pointer is all that is known."""
+
+
+def _view(item: str) -> Any:
+    """Return an intrinsic for an array of a length at a pointer."""
+
+    def view(typing_context: Any, pointer: Any, length: Any) -> Any:
+        from numba.core import types
+
+        kind = getattr(types, item)
+
+        def generate(context: Any, builder: Any, given: Any, args: Any) -> Any:
+            count = context.cast(builder, args[1], given.args[1], types.intp)
+            return make_array(context, builder, kind, args[0], count)
+
+        return types.Array(kind, 1, "C")(pointer, length), generate
+
+    return Intrinsic(view)
+
+
+view_doubles, view_singles, view_ints = (_view(item) for item in ("float64", "float32", "int32"))
+"""``(pointer, length) -> array``"""
+
+
+def split_address(where: int) -> NDArray[np.int32]:
+    """Return an address as two integers, as pools hold it: the upper half comes last."""
+    return np.array([where], "<u8").view("<i4").astype(np.int32)
+
+
+@njit
+def join_address(lower: int, upper: int) -> int:
+    """Return the address that was split."""
+    return (wide(upper) << 32) | (wide(lower) & 0xFFFFFFFF)
+
+
+def _call_with(typing_context: Any, where: Any, arguments: Any) -> Any:
+    """Call a function at an address: tuples one by one, arrays as pointers, 64 bits each."""
+    from numba.core import cgutils, types
+
+    def generate(context: Any, builder: Any, given: Any, args: Any) -> Any:
+        def unfold(value: Any, kind: Any) -> list[Any]:
+            if isinstance(kind, types.BaseTuple):
+                parts = cgutils.unpack_tuple(builder, value, len(kind))
+                pairs: Any = zip(parts, kind, strict=True)  # type: ignore[call-overload]
+                return [x for part, its_kind in pairs for x in unfold(part, its_kind)]
+            if isinstance(kind, types.Array):
+                return [context.make_array(kind)(context, builder, value).data]
+            wanted = types.float64 if isinstance(kind, types.Float) else types.int64
+            return [context.cast(builder, value, kind, wanted)]
+
+        # The result, and what went wrong, which is nothing: no kernel raises.
+        number, nothing = ir.IntType(64), ir.IntType(8).as_pointer()
+        result = cgutils.alloca_once(builder, number)
+        values = [result, cgutils.alloca_once(builder, nothing)]
+        values += unfold(args[1], given.args[1])
+        shape = ir.FunctionType(ir.IntType(32), [v.type for v in values])
+        at = context.cast(builder, args[0], given.args[0], types.int64)
+        builder.call(builder.inttoptr(at, shape.as_pointer()), values)
+        return builder.load(result)
+
+    return types.int64(where, arguments), generate
+
+
+call_with: Any = Intrinsic(_call_with)
+"""``(address, arguments) -> int``: the caller knows the signature, nobody checks it."""
 
 
 def write_words(value: Any, words: list[int]) -> None:

@@ -10,8 +10,28 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 
-_SOLIDS = ("sphere", "sphere", "box", "box", "cylinder", "cone", "tetrahedron", "torus(0.4)")
-_CONVEX = ("sphere", "box", "cylinder", "cone", "tetrahedron", "halfspace")
+_SOLIDS = (
+    "sphere",
+    "sphere",
+    "box",
+    "box",
+    "cylinder",
+    "cone",
+    "tetrahedron",
+    "torus(0.4)",
+    "capsule(0.5)",
+)
+_CONVEX = (
+    "sphere",
+    "box",
+    "cylinder",
+    "cone",
+    "tetrahedron",
+    "halfspace",
+    "capsule(1.5)",
+    "infcylinder",
+    "infcone(0.5)",
+)
 _SHEETS = ("tri1", "tri2", "disc", "rectangle")
 
 

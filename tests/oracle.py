@@ -443,6 +443,34 @@ def _meet(a: list[Piece], b: list[Piece]) -> list[Piece]:
     return sorted(out, key=lambda piece: piece[0])
 
 
+def _round_cone(r: float, p: Vector, d: Vector) -> list[Piece]:
+    """Where some ball of radius 1 + (r - 1) h about (0, 0, h) contains the ray, 0 <= h <= 1.
+
+    For the best h of a point: the balls at the ends, and the envelope of those between.
+    """
+    found: list[Piece] = []
+    for h, radius in ((0.0, 1.0), (1.0, r)):
+        q = (p[0], p[1], p[2] - h)
+        found += _quadratic(_dot(d, d), _dot(q, d), _dot(q, q) - radius * radius)
+    g = 1.0 - r
+    if g * g < 1.0:
+        # The envelope: a cone that is met at a right angle from (0, 0, h), where 0 <= h <= 1.
+        c2 = 1.0 - g * g
+        w, dw = (1.0 - g * p[2]) / math.sqrt(c2), -g * d[2] / math.sqrt(c2)
+        side = _quadratic(
+            d[0] ** 2 + d[1] ** 2 - dw * dw,
+            p[0] * d[0] + p[1] * d[1] - w * dw,
+            p[0] ** 2 + p[1] ** 2 - w * w,
+        )
+        for normal, c in (((0.0, 0.0, -1.0), -g), ((0.0, 0.0, 1.0), 1.0 + r * g)):
+            side = _meet(side, _plane(normal, c, p, d))
+        found += side
+    found = [piece for piece in found if piece[0] < piece[2]]
+    if not found:
+        return []
+    return [(min(x[0] for x in found), CURVED, max(x[2] for x in found), CURVED)]
+
+
 _SLAB: list[tuple[Vector, float]] = [((0.0, 0.0, -1.0), 0.0), ((0.0, 0.0, 1.0), 1.0)]
 _CORNERS: list[Vector] = [
     (1.0, 1.0, 1.0),
@@ -470,7 +498,11 @@ def pieces(name: str, args: Sequence[float], o: Vector, d: Vector) -> list[Piece
     found: list[Piece] = [(-INF, None, INF, None)]
     for normal, c in _PLANES.get(name, []):
         found = _meet(found, _plane(normal, c, o, d))
-    if name in ("sphere", "cylinder", "cone", "torus"):
+    if name == "infcone":
+        # On this side of the apex.
+        k = 1.0 - args[0]
+        found = [(a, CURVED, b, CURVED) for a, _, b, _ in _plane((0.0, 0.0, k), 1.0, o, d)]
+    if name in ("sphere", "cylinder", "cone", "torus", "capsule", "infcylinder", "infcone"):
         # Parameters count from the point nearest to the centre, where digits are not lost.
         foot = -_dot(o, d) / _dot(d, d)
         p = _at(o, d, foot)
@@ -478,9 +510,11 @@ def pieces(name: str, args: Sequence[float], o: Vector, d: Vector) -> list[Piece
             curved = _quadratic(_dot(d, d), _dot(p, d), _dot(p, p) - 1.0)
         elif name == "torus":
             curved = _torus(args[0], p, d)
+        elif name == "capsule":
+            curved = _round_cone(args[0], p, d)
         else:
             # x2 + y2 <= (1 - k z)2, the cylinder with k = 0
-            k = 1.0 - args[0] if name == "cone" else 0.0
+            k = 1.0 - args[0] if name in ("cone", "infcone") else 0.0
             w, dw = 1.0 - k * p[2], -k * d[2]
             curved = _quadratic(
                 d[0] ** 2 + d[1] ** 2 - dw * dw,
@@ -491,14 +525,32 @@ def pieces(name: str, args: Sequence[float], o: Vector, d: Vector) -> list[Piece
     return found
 
 
+def _capsule_center(r: float, p: Vector) -> float:
+    """Return the height of the ball that lets a point be farthest inside: by its derivative."""
+    across, g = math.hypot(p[0], p[1]), 1.0 - r
+
+    def grows(h: float) -> bool:
+        # Of 1 - g h - |p - (0, 0, h)| by h.
+        away = math.hypot(across, p[2] - h)
+        return away > 0.0 and (p[2] - h) / away > g
+
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if grows(middle) else (low, middle)
+    return 0.0 if high < 1e-15 else 1.0 if low > 1.0 - 1e-15 else low
+
+
 def gradient(name: str, args: Sequence[float], p: Vector) -> Vector:
     """Return the outward normal of a curved surface, of any length."""
     x, y, z = p
     if name == "sphere":
         return p
-    if name == "cylinder":
+    if name in ("cylinder", "infcylinder"):
         return (x, y, 0.0)
-    if name == "cone":
+    if name == "capsule":
+        return (x, y, z - _capsule_center(args[0], p))
+    if name in ("cone", "infcone"):
         k = 1.0 - args[0]
         return (x, y, k * (1.0 - k * z))
     assert name == "torus"
@@ -539,6 +591,14 @@ def inside(name: str, args: Sequence[float], p: Vector) -> bool:
         return (math.hypot(x, y) - 1.0) ** 2 + z * z <= args[0] ** 2
     if name == "halfspace":
         return z <= 0.0
+    if name == "capsule":
+        h = _capsule_center(args[0], p)
+        return math.hypot(x, y, z - h) <= 1.0 - (1.0 - args[0]) * h
+    if name == "infcylinder":
+        return x * x + y * y <= 1.0
+    if name == "infcone":
+        radius = 1.0 - (1.0 - args[0]) * z
+        return radius >= 0.0 and x * x + y * y <= radius * radius
     assert name == "empty" or name in SHEETS
     return False
 

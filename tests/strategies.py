@@ -22,10 +22,9 @@ from pcsg.leaf import LEAVES
 Draw = Any
 Ray = tuple[tuple[float, float, float], tuple[float, float, float]]
 
-SOLID_NAMES = tuple(
-    name
-    for name in ("sphere", "box", "cylinder", "cone", "tetrahedron", "torus", "halfspace", "empty")
-    if name in LEAVES
+SOLID_NAMES = (
+    *("sphere", "box", "cylinder", "cone", "tetrahedron", "torus", "halfspace", "empty"),
+    *("capsule", "infcylinder", "infcone"),
 )
 SHEET_NAMES = tuple(name for name in oracle.SHEETS if name in LEAVES)
 
@@ -177,7 +176,7 @@ def primitives(draw: Draw, integral: bool = False, sheets: bool = False) -> Node
     if sheets:
         names += SHEET_NAMES
     name = draw(st.sampled_from(names))
-    if name == "cone":
+    if name in ("cone", "capsule", "infcone"):
         radius = st.sampled_from([0.0, 1.0, 2.0]) if integral else st.floats(0.0, 2.0)
         return solid(name, draw(radius)) if draw(st.booleans()) else solid(name)
     if name == "torus":

@@ -36,6 +36,15 @@ IMPLICIT: dict[str, Callable[..., Array]] = {
     ),
     "torus": lambda p, r: np.hypot(np.hypot(p[:, 0], p[:, 1]) - 1, p[:, 2]) - r,
     "halfspace": lambda p: p[:, 2],
+    "infcylinder": lambda p: np.hypot(p[:, 0], p[:, 1]) - 1,
+    "infcone": lambda p, r: np.hypot(p[:, 0], p[:, 1]) - (1 + (r - 1) * p[:, 2]),
+    "capsule": lambda p, r: np.min(
+        [
+            np.linalg.norm(p - [0.0, 0.0, h], axis=1) - (1 + (r - 1) * h)
+            for h in np.linspace(0.0, 1.0, 1001)
+        ],
+        axis=0,
+    ),
     "empty": lambda p: np.full(len(p), np.inf),
     **dict.fromkeys(oracle.SHEETS, lambda p: np.full(len(p), np.inf)),
     # Barycentric coordinates with respect to the corners
@@ -127,24 +136,22 @@ def test_normals_point_from_inside_to_outside(data: st.DataObject) -> None:
             assert (along > 0) == (e.kind == "leave")
 
 
-@pytest.mark.parametrize("name", ["sphere", "cylinder", "cone", "torus"])
+@pytest.mark.parametrize("name", ["sphere", "cylinder", "cone", "torus", "capsule", "infcone"])
 @given(data=st.data())
 def test_gradients_are_those_of_the_implicit_functions(name: str, data: st.DataObject) -> None:
-    args = [0.4] if name in ("cone", "torus") else []
+    args = [] if name in ("sphere", "cylinder") else [0.4]
     point = data.draw(st.tuples(st.floats(0.3, 1.2), st.floats(-1, 1), st.floats(0.1, 0.9)))
     h = 1e-6
     nearby = np.array(point) + np.vstack([np.eye(3), -np.eye(3)]) * h
     p = np.array(point)
-    if name in ("cylinder", "cone"):  # the mantle only, continued through the caps
+    if name in ("cylinder", "cone", "infcone"):  # the mantle only, continued through the caps
         k = 1.0 - args[0] if args else 0.0
         f = np.hypot(nearby[:, 0], nearby[:, 1]) - (1 - k * nearby[:, 2])
         # The gradient is that of x2 + y2 - (1 - k z)2, on the surface parallel to the mantle's.
         scale = (1 - k * p[2]) / math.hypot(p[0], p[1])
         p[:2] *= scale
-    elif name == "torus":
-        f = IMPLICIT[name](nearby, *args)
     else:
-        f = IMPLICIT[name](nearby)
+        f = IMPLICIT[name](nearby, *args)
     numeric = (f[:3] - f[3:]) / (2 * h)
     exact = np.array(oracle.gradient(name, args, tuple(p)))
     if np.linalg.norm(numeric) < 1e-2:

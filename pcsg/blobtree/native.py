@@ -15,10 +15,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numpy.typing import NDArray
 
-from pcsg.addresses import make_array
+from pcsg.addresses import FAR, call_with, make_array, view_doubles, view_ints, view_singles
 from pcsg.blobtree.layout import (
     LISTS,
     MET,
@@ -28,7 +27,6 @@ from pcsg.blobtree.layout import (
     Work,
     find_tables,
     list_length,
-    wide,
 )
 from pcsg.blobtree.points import describe, gradient_at, value_at
 from pcsg.blobtree.trace import ALL, FULL, shoot
@@ -43,9 +41,6 @@ intervals; the field; its gradient; `points.ATTRIBUTE_COLUMNS` attributes."""
 
 MOST = 4096
 """Most primitives whose support a ray may cross: 1.4 MB of stack."""
-
-FAR = 1 << 60
-"""The length of an array of which the pointer is all that is known."""
 
 
 def _reserve(item: str) -> Any:
@@ -65,25 +60,7 @@ def _reserve(item: str) -> Any:
     return Intrinsic(reserve)
 
 
-def _view(item: str) -> Any:
-    """Return an intrinsic for an array of any length at a pointer."""
-
-    def view(typing_context: Any, pointer: Any) -> Any:
-        from numba.core import types
-
-        kind = getattr(types, item)
-
-        def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-            length = context.get_constant(types.intp, FAR)
-            return make_array(context, builder, kind, args[0], length)
-
-        return types.Array(kind, 1, "C")(pointer), generate
-
-    return Intrinsic(view)
-
-
 reserve_floats, reserve_ints = _reserve("float64"), _reserve("int64")
-_view_doubles, _view_singles, _view_ints = (_view(item) for item in ("float64", "float32", "int32"))
 
 
 @njit(contract=True)
@@ -140,9 +117,9 @@ def answer(
         For crossings the new length or `FULL`; else the number of primitives with a field there,
         or `FULL`.
     """
-    pool = (_view_doubles(doubles), _view_singles(singles), _view_ints(integers))
+    pool = (view_doubles(doubles, FAR), view_singles(singles, FAR), view_ints(integers, FAR))
     m = find_tables(pool, at_f, at_s, at_i)
-    out = _view_doubles(answers)
+    out = view_doubles(answers, FAR)
     room = min(m.primitive_count // 4 * 4 + 8, MOST)
     work = Work(
         reserve_floats((MET + 4) * room + 8),
@@ -178,65 +155,13 @@ def address() -> int:
     return function_address(_SIGNATURE, answer)
 
 
-def split_address(where: int) -> NDArray[np.int32]:
-    """Return an address as two integers, as models hold it: the upper half comes last."""
-    return np.array([where], "<u8").view("<i4").astype(np.int32)
-
-
-@njit
-def join_address(lower: int, upper: int) -> int:
-    """Return the address that was split."""
-    return (wide(upper) << 32) | (wide(lower) & 0xFFFFFFFF)
-
-
-def _call(
-    typing_context: Any, where: Any, asked: Any, want: Any, ray: Any, pool: Any, at: Any, out: Any,
-    n: Any, length: Any,
-) -> Any:  # fmt: skip
-    """Call `answer` at an address."""
-    from numba.core import cgutils, types
-
-    signature = types.int64(where, asked, want, ray, pool, at, out, n, length)
-
-    def generate(context: Any, builder: Any, given: Any, args: Any) -> Any:
-        def cast(value: Any, kind: Any, wanted: Any) -> Any:
-            return context.cast(builder, value, kind, wanted)
-
-        def pointer(value: Any, kind: Any) -> Any:
-            return context.make_array(kind)(context, builder, value).data
-
-        kinds = given.args
-        values = [cast(args[k], kinds[k], types.int64) for k in (1, 2)]
-        values += cgutils.unpack_tuple(builder, args[3], 8)
-        arrays = cgutils.unpack_tuple(builder, args[4], 3)
-        values += [pointer(v, k) for v, k in zip(arrays, kinds[4].types, strict=True)]
-        values += cgutils.unpack_tuple(builder, args[5], 3)
-        values += [pointer(args[6], kinds[6])]
-        values += [cast(args[k], kinds[k], types.int64) for k in (7, 8)]
-        # The result, and what went wrong, which is nothing: no kernel raises.
-        number, nothing = ir.IntType(64), ir.IntType(8).as_pointer()
-        result = cgutils.alloca_once(builder, number)
-        values = [result, cgutils.alloca_once(builder, nothing), *values]
-        shape = ir.FunctionType(ir.IntType(32), [v.type for v in values])
-        at_address = cast(args[0], kinds[0], types.int64)
-        function = builder.inttoptr(at_address, shape.as_pointer())
-        builder.call(function, values)
-        return builder.load(result)
-
-    return signature, generate
-
-
-_call_at: Any = Intrinsic(_call)
-
-
 @njit
 def ask(
     where: int, asked: int, want: int, ray: Ray, pool: Pool, at_f: int, at_s: int, at_i: int,
     out: Array, n: int, length: int,
 ) -> int:  # fmt: skip
     """Ask a model; `where` is the `address`."""
-    at = (np.int64(at_f), np.int64(at_s), np.int64(at_i))
-    count: int = _call_at(where, asked, want, ray, pool, at, out, n, length)
+    count: int = call_with(where, (asked, want, ray, pool, at_f, at_s, at_i, out, n, length))
     return count
 
 

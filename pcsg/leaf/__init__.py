@@ -1,6 +1,6 @@
 """Primitive solids and sheets, each with its crossings, normal, membership and coordinates."""
 
-from pcsg.leaf import polyhedra, sheets, solids, torus
+from pcsg.leaf import polyhedra, quadrics, sheets, solids, torus
 
 # isort: split
 from pcsg.leaf import mesh
@@ -18,6 +18,7 @@ __all__ = [
     "leaf",
     "mesh",
     "polyhedra",
+    "quadrics",
     "sheets",
     "solids",
     "torus",

@@ -13,6 +13,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
+from pcsg.addresses import join_address, split_address
 from pcsg.blobtree.fields import T
 from pcsg.blobtree.layout import wide
 from pcsg.blobtree.native import (
@@ -22,9 +23,7 @@ from pcsg.blobtree.native import (
     INTERVALS,
     address,
     ask,
-    join_address,
     reserve_floats,
-    split_address,
 )
 from pcsg.blobtree.points import ATTRIBUTE_COLUMNS, BOUND, LABEL, OTHERS, U, V
 from pcsg.errors import UsageError
@@ -272,6 +271,7 @@ class Blob(Solid):
     constants = (
         LeafConstant("model", "an expression of fields in braces, or an .lsys, .swc or .json file"),
     )
+    apart = True
 
     @classmethod
     def read_constant(cls, text: str, folder: Path) -> BlobSource:

@@ -289,6 +289,7 @@ class Mesh(Solid):
     """
 
     constants = (LeafConstant("file", "the name of a mesh file in quotes"),)
+    apart = True
 
     @classmethod
     def read_constant(cls, text: str, folder: Path) -> MeshModel:

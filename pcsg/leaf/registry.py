@@ -223,6 +223,9 @@ class Solid:
     inlined
         True where `crossings` is compiled into the loops that call it, for the most common solids:
         calls would cost operations a third of the time.
+    apart
+        True where its kernels are compiled apart, and only for scenes that have it: for what is not
+        among the most common solids. A call costs some nanoseconds more.
     soft
         True for a name that is free for a grammar's own modules, definitions and parameters.
     primitives
@@ -241,6 +244,7 @@ class Solid:
     corners: ClassVar[tuple[Vec3, ...]] = ()
     sheet: ClassVar[bool] = False
     inlined: ClassVar[bool] = False
+    apart: ClassVar[bool] = False
     soft: ClassVar[bool] = False
     primitives: ClassVar[int] = 1
     parts: ClassVar[tuple[type[Solid], ...]] = ()

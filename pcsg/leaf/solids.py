@@ -31,6 +31,9 @@ LEAST_SQUARE, GREATEST_SQUARE = 1e-200, 1e200
 FLAT_SQUARE = 1e-290
 """The same as `FLAT` for the squared length of a scaled direction seen along an axis."""
 
+PARALLEL = 1e-15
+"""A line is parallel to the side of a cone where it departs from it by no more than this part."""
+
 
 @njit(contract=True)
 def size(ray: Ray) -> float:
@@ -140,6 +143,91 @@ def frustum_uv(p: Vec3, r: float) -> tuple[float, float]:
     return turns(p.y, p.x), p.z
 
 
+@njit(contract=True)
+def cross_pipe(ray: Ray) -> tuple[bool, float, float, float]:
+    """Meet x2 + y2 <= 1.
+
+    Returns
+    -------
+    tuple
+        Whether it is met, what the direction is scaled by, and where, times that: in s = t / k.
+    """
+    ox, oy = ray.ox, ray.oy
+    dx, dy, k = ray.dx, ray.dy, 1.0
+    a = dx * dx + dy * dy
+    if not LEAST_SQUARE < a < GREATEST_SQUARE:
+        big = size(ray)
+        if big == 0.0:
+            return False, k, 0.0, 0.0
+        k = 1.0 / big
+        dx, dy = dx * k, dy * k
+        a = dx * dx + dy * dy
+    if a > FLAT_SQUARE:
+        # The distance of the line from the axis, as for the sphere.
+        c = ox * dy - oy * dx
+        disc = a - c * c
+        if not disc > 0.0:
+            return False, k, 0.0, 0.0
+        inv = 1.0 / a
+        tm, h = -(ox * dx + oy * dy) * inv, math.sqrt(disc) * inv
+        return True, k, tm - h, tm + h
+    return ox * ox + oy * oy <= 1.0, k, -INF, INF
+
+
+@njit(contract=True)
+def cross_nappe(ray: Ray, r: float) -> tuple[bool, float, float, float, float, float, float]:
+    """Meet ``cone(r)`` without its ends.
+
+    Returns
+    -------
+    tuple
+        Whether it is met, what the direction is scaled by; the scaled parameter of the point of the
+        line nearest to the middle of the axis, its z and the direction's; and where the cone is
+        met, counted from there.
+    """
+    ox, oy, oz = ray.ox, ray.oy, ray.oz
+    dx, dy, dz, k = ray.dx, ray.dy, ray.dz, 1.0
+    flat = dx * dx + dy * dy
+    length = flat + dz * dz
+    if not LEAST_SQUARE < length < GREATEST_SQUARE:
+        big = size(ray)
+        if big == 0.0:
+            return False, k, 0.0, 0.0, 0.0, 0.0, 0.0
+        k = 1.0 / big
+        dx, dy, dz = dx * k, dy * k, dz * k
+        flat = dx * dx + dy * dy
+        length = flat + dz * dz
+    # From there, so that a far origin costs no digits. s is t counted from it.
+    tm = -(ox * dx + oy * dy + (oz - 0.5) * dz) / length
+    px, py, pz = ox + tm * dx, oy + tm * dy, oz + tm * dz
+    # x2 + y2 - (radius at z)2 = a s2 + 2 b s + c along the line.
+    g = 1.0 - r
+    radius, slope = 1.0 - g * pz, g * dz
+    a = flat - slope * slope
+    if abs(a) <= PARALLEL * flat:
+        # Rounding alone would give ends to a line beside the cone.
+        a = 0.0
+    b = px * dx + py * dy + radius * slope
+    c = px * px + py * py - radius * radius
+    # b2 - a c by Lagrange's identity, which keeps its digits at the apex.
+    vx, vy = px * slope + radius * dx, py * slope + radius * dy
+    across = px * dy - py * dx
+    disc = vx * vx + vy * vy - across * across
+    lo, hi = -INF, INF
+    if disc > 0.0 or a < 0.0:
+        root = math.sqrt(max(disc, 0.0))
+        q = -(b + root) if b >= 0.0 else root - b
+        # a = 0, parallel to the side, gives an infinite end; q = 0 is a hit of the apex.
+        u, v = q / a, (c / q if q != 0.0 else 0.0)
+        near, far = min(u, v), max(u, v)
+        # Where a < 0 the line runs into both nappes; that of a positive radius counts.
+        lo = near if a >= 0.0 else (-INF if slope > 0.0 else far)
+        hi = far if a >= 0.0 else (near if slope > 0.0 else INF)
+    elif not (a <= FLAT_SQUARE and c <= 0.0):
+        return False, k, 0.0, 0.0, 0.0, 0.0, 0.0
+    return True, k, tm, pz, dz, lo, hi
+
+
 @leaf
 class Cylinder(Solid):
     """Cylinder of radius 1 from the xy-plane up to z = 1: x2 + y2 <= 1, 0 <= z <= 1.
@@ -157,29 +245,10 @@ class Cylinder(Solid):
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
-        ox, oy, oz = ray.ox, ray.oy, ray.oz
-        dx, dy, dz, k = ray.dx, ray.dy, ray.dz, 1.0
-        a = dx * dx + dy * dy
-        if not LEAST_SQUARE < a < GREATEST_SQUARE:
-            big = size(ray)
-            if big == 0.0:
-                return n
-            k = 1.0 / big
-            dx, dy, dz = dx * k, dy * k, dz * k
-            a = dx * dx + dy * dy
-        if a > FLAT_SQUARE:
-            # The distance of the line from the axis, as for the sphere.
-            c = ox * dy - oy * dx
-            disc = a - c * c
-            if not disc > 0.0:
-                return n
-            inv = 1.0 / a
-            tm, h = -(ox * dx + oy * dy) * inv, math.sqrt(disc) * inv
-            lo, hi = tm - h, tm + h
-        elif ox * ox + oy * oy <= 1.0:
-            lo, hi = -INF, INF
-        else:
+        found, k, lo, hi = cross_pipe(ray)
+        if not found:
             return n
+        oz, dz = ray.oz, ray.dz * k
         if abs(dz) > FLAT:
             inv = 1.0 / dz
             u, v = -oz * inv, (1.0 - oz) * inv
@@ -227,49 +296,14 @@ class Cone(Solid):
 
     @staticmethod
     def crossings(ray: Ray, want: int, args: Array, at: int, pool: Pool, t: Array, n: int) -> int:
-        ox, oy, oz = ray.ox, ray.oy, ray.oz
-        dx, dy, dz, k = ray.dx, ray.dy, ray.dz, 1.0
-        flat = dx * dx + dy * dy
-        length = flat + dz * dz
-        if not LEAST_SQUARE < length < GREATEST_SQUARE:
-            big = size(ray)
-            if big == 0.0:
-                return n
-            k = 1.0 / big
-            dx, dy, dz = dx * k, dy * k, dz * k
-            flat = dx * dx + dy * dy
-            length = flat + dz * dz
-        # From the point of the line that is nearest to the middle of the axis, so that a far
-        # origin costs no digits. s is t counted from there.
-        tm = -(ox * dx + oy * dy + (oz - 0.5) * dz) / length
-        px, py, pz = ox + tm * dx, oy + tm * dy, oz + tm * dz
-        # x2 + y2 - (radius at z)2 = a s2 + 2 b s + c along the line.
-        g = 1.0 - args[at]
-        radius, slope = 1.0 - g * pz, g * dz
-        a = flat - slope * slope
-        b = px * dx + py * dy + radius * slope
-        c = px * px + py * py - radius * radius
-        # b2 - a c by Lagrange's identity, which keeps its digits at the apex.
-        vx, vy = px * slope + radius * dx, py * slope + radius * dy
-        across = px * dy - py * dx
-        disc = vx * vx + vy * vy - across * across
-        lo, hi = -INF, INF
-        if disc > 0.0 or a < 0.0:
-            root = math.sqrt(max(disc, 0.0))
-            q = -(b + root) if b >= 0.0 else root - b
-            # a = 0, parallel to the side, gives an infinite end; q = 0 is a hit of the apex.
-            u, v = q / a, (c / q if q != 0.0 else 0.0)
-            near, far = min(u, v), max(u, v)
-            # Where a < 0 the line runs into both nappes; that of a positive radius counts.
-            lo = near if a >= 0.0 else (-INF if slope > 0.0 else far)
-            hi = far if a >= 0.0 else (near if slope > 0.0 else INF)
-        elif not (a <= FLAT_SQUARE and c <= 0.0):
+        found, k, tm, pz, dz, lo, hi = cross_nappe(ray, args[at])
+        if not found:
             return n
         if abs(dz) > FLAT:
             inv = 1.0 / dz
             u, v = -pz * inv, (1.0 - pz) * inv
             lo, hi = max(lo, min(u, v)), min(hi, max(u, v))
-        elif not 0.0 <= oz <= 1.0:
+        elif not 0.0 <= ray.oz <= 1.0:
             return n
         lo, hi = (tm + lo) * k, (tm + hi) * k
         if not lo < hi:

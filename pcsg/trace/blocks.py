@@ -37,7 +37,7 @@ from pcsg.trace.groups import (
     Reference,
     gather,
 )
-from pcsg.trace.pool import ModelPool
+from pcsg.trace.pool import ModelPool, make_pool
 from pcsg.trace.rulebook import Fixture
 from pcsg.trace.small import SmallOperation, flatten_operation
 from pcsg.vec import IDENTITY, Affine, Vec3
@@ -142,7 +142,7 @@ def build_blocks(graph: Graph, states: StateGraph, models: ModelPool | None = No
     """Return the blocks of a finite acyclic state graph; models of its leaves go into a pool."""
     hulls = Hulls(states)
     hulls.tolerance = CUT_TOLERANCE
-    return _Builder(graph, gather(states, hulls), hulls, models or ModelPool()).build()
+    return _Builder(graph, gather(states, hulls), hulls, models or make_pool(graph)).build()
 
 
 def build_fixtures(

@@ -10,8 +10,9 @@ from count_roots import some_model
 import pcsg
 from pcsg import Scene, blob
 from pcsg import blobtree as b
+from pcsg.addresses import join_address, split_address
 from pcsg.blobtree.model import Model
-from pcsg.blobtree.native import address, join_address, split_address
+from pcsg.blobtree.native import address
 from pcsg.errors import GrammarError
 from pcsg.leaf.blob import Blob, FieldSource
 from pcsg.leaf.dispatch import leaf_crossings
@@ -128,7 +129,7 @@ def test_blobs_are_cut_instanced_and_labelled(engine: str) -> None:
 @pytest.mark.parametrize("number", [0, 1, 2, 3])
 def test_the_leaf_tells_of_its_first_interval_what_the_contract_says(number: int) -> None:
     field, _model = some_model(("pcm", "bend") if number % 2 else ("gbb",), number)
-    pool = ModelPool()
+    pool = ModelPool([Blob])
     args = np.array(pool.place(FieldSource(field).model(())))
     o, d = random_rays(np.random.default_rng(number), _model, 300)
     rng = np.random.default_rng(20 + number)

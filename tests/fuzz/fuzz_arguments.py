@@ -138,6 +138,8 @@ KEYWORDS: dict[str, tuple[str, ...]] = {
     "pcsg.material": (),
     "pcsg.texture": (),
     "pcsg.cone": (),
+    "pcsg.capsule": (),
+    "pcsg.infcone": (),
     "pcsg.torus": (),
     "pcsg.sphere": (),
     "pcsg.mesh": (),

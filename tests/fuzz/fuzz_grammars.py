@@ -54,7 +54,18 @@ SMALL = (
     "#define HALF uscale(0.5)\n#define TWO HALF HALF\n{} TWO (sphere | HALF box) & TWO cone\n",
 )
 
-_BODIES = ("sphere", "box", "cone(0.5)", "A", "B", "{c=c-1} A", "{c=c-1} B", "empty", "tri1")
+_BODIES = (
+    "sphere",
+    "box",
+    "cone(0.5)",
+    "A",
+    "B",
+    "{c=c-1} A",
+    "{c=c-1} B",
+    "empty",
+    "tri1",
+    "capsule(2)",
+)
 
 
 def make(rng: random.Random) -> str:

@@ -58,6 +58,32 @@ def cone(p: Points, args: Args) -> Any:
     return np.maximum(side, np.abs(z - 0.5) - 0.5)
 
 
+def capsule(p: Points, args: Args) -> Any:
+    """Distance of the hull of two balls: the farthest that a ball between them lets a point be."""
+    r = args[0]
+    fall = np.clip(r - 1.0, -1.0, 1.0)
+    across, z = rho(p), p[..., 2]
+    # The ball that a point is nearest to lies where the line to it meets the side at a right angle.
+    slope = np.sqrt(max(0.0, 1.0 - fall * fall))
+    along = np.where(
+        slope > 0.0, z + across * fall / max(slope, 1e-300), np.where(fall > 0.0, 1, 0)
+    )
+    h = np.clip(along, 0.0, 1.0)
+    return np.hypot(across, z - h) - (1.0 + (r - 1.0) * h)
+
+
+def ball_points(height: float, radius: float) -> Points:
+    return radius * sphere_points(()) + np.array([0.0, 0.0, height])
+
+
+def infcone(p: Points, args: Args) -> Any:
+    r, z = args[0], p[..., 2]
+    radius = 1.0 + (r - 1.0) * z
+    side = (rho(p) - radius) / np.hypot(1.0, r - 1.0)
+    # Behind the apex it is the apex that is nearest.
+    return np.maximum(side, np.where(radius < 0.0, -radius / np.hypot(1.0, r - 1.0), -np.inf))
+
+
 @dataclass(frozen=True)
 class Shape:
     """A second description of a solid.
@@ -108,6 +134,16 @@ SHAPES: dict[str, Shape] = {
         TUBES.map(lambda r: (r,)),
     ),
     "halfspace": Shape(lambda p, a: p[..., 2], None),
+    "capsule": Shape(
+        capsule,
+        lambda a: np.concatenate([ball_points(0.0, 1.0), ball_points(1.0, a[0])]),
+        RADII.map(lambda r: (r,)),
+        lambda a: 3.0 + 2.0 * a[0],
+    ),
+    "infcylinder": Shape(lambda p, a: rho(p) - 1.0, None, reach=lambda a: 4.0),
+    "infcone": Shape(
+        infcone, None, st.sampled_from([0.0, 0.5, 1.0, 2.0, 3.0]).map(lambda r: (r,)), lambda a: 4.0
+    ),
     "empty": Shape(lambda p, a: np.full(p.shape[:-1], np.inf), None),
 }
 

@@ -15,8 +15,6 @@ from pcsg.leaf.registry import LEAVES, Box, Model, Solid
 from pcsg.trace.pool import ModelPool
 from pcsg.vec import Vec3
 
-EMPTY_POOL = (np.zeros(0), np.zeros(0, np.float32), np.zeros(0, np.int32))
-
 
 class Subject:
     """A solid without data."""
@@ -24,7 +22,7 @@ class Subject:
     def __init__(self, solid: type[Solid], name: str, shape: Shape) -> None:
         self.name, self.kind, self.shape = name, solid.kind, shape
         self.solid = solid
-        self.pool: Any = EMPTY_POOL
+        self.pool: Any = ModelPool([solid]).pool
 
     def bounds_of(self, args: Sequence[float]) -> Box:
         return self.solid.bounds_of(args)
@@ -43,7 +41,7 @@ class ModelSubject(Subject):
     def __init__(self, solid: type[Solid], name: str, shape: Shape, model: Model) -> None:
         super().__init__(solid, name, shape)
         self.model = model
-        models = ModelPool()
+        models = ModelPool([solid])
         models.place(mesh_of_arrays(np.eye(3), [[0, 1, 2]]))
         self.places = models.place(model)
         models.place(mesh_of_arrays(2.0 * np.eye(3), [[0, 1, 2]]))

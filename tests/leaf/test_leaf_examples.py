@@ -10,9 +10,10 @@ import pytest
 
 from pcsg.leaf.dispatch import leaf_crossings, leaf_inside, leaf_normal, leaf_uv
 from pcsg.leaf.registry import ALL, LEAVES
+from pcsg.trace.pool import ModelPool
 from pcsg.vec import Ray, Vec3
 
-POOL = (np.zeros(0), np.zeros(0, np.float32), np.zeros(0, np.int32))
+POOL = ModelPool(list(LEAVES.values())).pool
 INF = math.inf
 DIAGONAL = math.sqrt(0.5)
 
@@ -89,15 +90,33 @@ CASES: list[tuple[str, Any, Any, Any, list[float]]] = [
     ("rectangle", (), (1.01, 0, 1), (0, 0, -1), []),
     ("rectangle", (), (0, -1.01, -1), (0, 0, 1), []),
     ("rectangle", (), (-3, 0, 0), (1, 0, 0), []),
+    ("capsule", (1.0,), (0, 0, -3), (0, 0, 1), [2, 5]),
+    ("capsule", (1.0,), (-3, 0, 0.5), (1, 0, 0), [2, 4]),
+    ("capsule", (0.0,), (0, 0, -3), (0, 0, 1), [2, 4]),
+    ("capsule", (2.0,), (-3, 0, 1), (1, 0, 0), [1, 5]),
+    ("capsule", (5.0,), (0, 0, -9), (0, 0, 1), [5, 15]),
+    ("capsule", (0.5,), (-3, 0, 1.6), (1, 0, 0), []),
+    ("infcylinder", (), (0, 0, 3), (0, 0, 1), [-INF, INF]),
+    ("infcylinder", (), (1.5, 0, 3), (0, 0, 1), []),
+    ("infcylinder", (), (-3, 0, 70), (1, 0, 1), [2, 4]),
+    ("infcone", (0.0,), (0, 0, 3), (0, 0, -1), [2, INF]),
+    ("infcone", (0.0,), (-9, 0, -2), (1, 0, 0), [6, 12]),
+    ("infcone", (0.0,), (-9, 0, 2), (1, 0, 0), []),
+    ("infcone", (1.0,), (0, 0, 3), (0, 0, -1), [-INF, INF]),
+    ("infcone", (3.0,), (-9, 0, 1), (1, 0, 0), [6, 12]),
 ]
+
+
+def cross(name: str, args: Any, o: Any, d: Any) -> list[float]:
+    t = np.zeros(8)
+    ray = Ray(*map(float, (*o, *d)), 0.0, INF)
+    m = leaf_crossings(LEAVES[name].kind, ray, ALL, np.array(args), 0, POOL, t, 0)
+    return t[:m].tolist()
 
 
 @pytest.mark.parametrize(("name", "args", "o", "d", "expected"), CASES)
 def test_known_crossings(name: str, args: Any, o: Any, d: Any, expected: list[float]) -> None:
-    t = np.zeros(8)
-    ray = Ray(*map(float, (*o, *d)), 0.0, INF)
-    m = leaf_crossings(LEAVES[name].kind, ray, ALL, np.array(args), 0, POOL, t, 0)
-    assert t[:m].tolist() == pytest.approx(expected, rel=1e-14, abs=1e-14)
+    assert cross(name, args, o, d) == pytest.approx(expected, rel=1e-14, abs=1e-14)
 
 
 NORMALS: list[tuple[str, Any, Any, Any]] = [
@@ -124,6 +143,12 @@ NORMALS: list[tuple[str, Any, Any, Any]] = [
     ("tri2", (), (-0.1, -0.1, 0), (0, 0, 1)),
     ("disc", (), (0.1, -0.5, 0), (0, 0, 1)),
     ("rectangle", (), (0.1, -0.5, 0), (0, 0, 1)),
+    ("capsule", (1.0,), (0, 1, 0.5), (0, 1, 0)),
+    ("capsule", (0.5,), (0, 0, 1.5), (0, 0, 1)),
+    ("capsule", (0.0,), (0, 0, -1), (0, 0, -1)),
+    ("infcylinder", (), (0, -1, 80), (0, -1, 0)),
+    ("infcone", (0.0,), (3, 0, -2), (DIAGONAL, 0, DIAGONAL)),
+    ("infcone", (2.0,), (0, 0, -1), (0, 0, -1)),
 ]
 
 
@@ -158,6 +183,9 @@ COORDINATES: list[tuple[str, Any, Any, tuple[float, float]]] = [
     ("tri2", (), (-0.1, -0.2, 0), (0.1, 0.2)),
     ("disc", (), (0.5, -0.5, 0), (0.75, 0.25)),
     ("rectangle", (), (-1, 1, 0), (0, 1)),
+    ("capsule", (1.0,), (0, 1, 0.5), (0.25, 0.5)),
+    ("infcylinder", (), (0, -1, 8), (0.75, 8)),
+    ("infcone", (0.0,), (3, 0, -2), (0, -2)),
 ]
 
 
@@ -203,3 +231,15 @@ def test_no_direction_no_disorder(name: str) -> None:
     assert m % 2 == 0
     assert not np.isnan(t[:m]).any()
     assert (np.diff(t[:m]) >= 0.0).all()
+
+
+@pytest.mark.parametrize("name", ["cone", "infcone"])
+def test_lines_beside_a_cone_and_parallel_to_its_side_miss_it(name: str) -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(300):
+        angle, along = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(0.001, 1.0)
+        across = np.array([-math.sin(angle), math.cos(angle), 0.0]) * rng.uniform(0.1, 1.0)
+        origin = across + np.array([0.0, 0.0, 1.0])
+        direction = along * np.array([math.cos(angle), math.sin(angle), rng.choice([-1.0, 1.0])])
+        # Farther than a million radii the line and the cone are one.
+        assert all(abs(t) * along > 1e6 for t in cross(name, (0.0,), origin, direction))

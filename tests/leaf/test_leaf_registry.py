@@ -23,6 +23,9 @@ SPECIFIED = {
     "empty": 0,
     "disc": 0,
     "rectangle": 0,
+    "capsule": 1,
+    "infcylinder": 0,
+    "infcone": 1,
 }
 
 

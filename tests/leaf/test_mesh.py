@@ -50,7 +50,7 @@ class Probe:
     """A mesh, ready for kernels."""
 
     def __init__(self, model: MeshModel) -> None:
-        models = ModelPool()
+        models = ModelPool([Mesh])
         self.args = np.array(models.place(model))
         self.pool = models.pool
         self.corners = model.polygons.vertices[model.triangles]
@@ -315,7 +315,7 @@ def test_colors_of_the_file_come_before_those_of_the_grammar(engine: Any, tmp_pa
 
 
 def _kernel(scene: Scene) -> tuple[Any, int, Any]:
-    models = ModelPool()
+    models = ModelPool([Mesh])
     (leaf,) = (n for n in scene.graph.nodes if isinstance(n, Leaf))
     return np.array(models.place(leaf.model(()))), 0, models.pool
 

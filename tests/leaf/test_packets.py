@@ -48,7 +48,7 @@ class Probe:
     """A mesh in the pool, behind another one, so that nothing begins at zero."""
 
     def __init__(self, model: MeshModel) -> None:
-        models = ModelPool()
+        models = ModelPool([Mesh])
         models.place(mesh_of_arrays(np.eye(3), [[0, 1, 2]]))
         self.args = np.array(models.place(model))
         self.pool = models.pool

@@ -12,7 +12,7 @@ from pcsg.graph.graph import GLOBALS
 from pcsg.graph.unroll import enumerate_states
 from pcsg.trace.expand import expansion
 from pcsg.trace.expand.expansion import Expansion
-from pcsg.trace.pool import ModelPool
+from pcsg.trace.pool import make_pool
 from pcsg.trace.walker import Walker
 
 CHAIN = """{{i = {n}}} LOOP
@@ -34,7 +34,8 @@ LOOP if(i >= 0, 2, 1)
 
 
 def expand(text: str) -> Expansion:
-    return Expansion(load_text(text), GLOBALS, ModelPool(), 1 << 30)
+    graph = load_text(text)
+    return Expansion(graph, GLOBALS, make_pool(graph), 1 << 30)
 
 
 def test_a_chain_deeper_than_ten_thousand_is_the_same_for_both_engines() -> None:

@@ -31,7 +31,7 @@ from pcsg.trace.expand.table import LEAF, STATE
 from pcsg.trace.groups import BLOCK, EMPTY, INSTANCE
 from pcsg.trace.groups import LEAF as LEAF_REF
 from pcsg.trace.lazy import LazyTracer
-from pcsg.trace.pool import ModelPool
+from pcsg.trace.pool import make_pool
 from pcsg.trace.walker import Walker
 from pcsg.vec import Vec3
 
@@ -50,7 +50,7 @@ def scatter(n: int, thing: str = BALL, around: str = "HALF") -> str:
 
 
 def expand(graph: Graph, memory: int = 1 << 30) -> Expansion:
-    return Expansion(graph, GLOBALS, ModelPool(), memory)
+    return Expansion(graph, GLOBALS, make_pool(graph), memory)
 
 
 def contents(found: Expansion) -> dict[tuple[object, ...], list[tuple[object, ...]]]:

@@ -27,7 +27,7 @@ from pcsg.graph.unroll import enumerate_states
 from pcsg.trace.expand import census, light, placing, reading
 from pcsg.trace.expand.expansion import Expansion
 from pcsg.trace.expand.pack import pack_expansion
-from pcsg.trace.pool import ModelPool
+from pcsg.trace.pool import make_pool
 
 LAMP = "material lamp { emission = (3, 6, 9) }"
 CHAIN = """{{i = {n}}} LOOP
@@ -49,7 +49,7 @@ BALL = "move(100*rand(i,1), 100*rand(i,2), 100*rand(i,3)) label(i) sphere"
 
 
 def expand(graph: Graph) -> Expansion:
-    return Expansion(graph, GLOBALS, ModelPool(), 1 << 30)
+    return Expansion(graph, GLOBALS, make_pool(graph), 1 << 30)
 
 
 def assert_same(a: Leaves, b: Leaves) -> None:
@@ -105,7 +105,7 @@ def test_light_is_that_of_python_bit_for_bit(data: st.DataObject, most: int) -> 
         theirs = shining.shining_covers(enumerate_states(graph), strengths)
         assert light.shining_covers(expand(graph), strengths).tobytes() == theirs.tobytes()
         dark = shining.dark_nodes(graph, strengths)
-        some = Expansion(graph, GLOBALS, ModelPool(), 1 << 30, without=dark)
+        some = Expansion(graph, GLOBALS, make_pool(graph), 1 << 30, without=dark)
         assert light.shining_covers(some, strengths).tobytes() == theirs.tobytes()
 
 

@@ -18,7 +18,7 @@ from pcsg.graph.counts import count_primitives
 from pcsg.graph.graph import Graph
 from pcsg.graph.states import StateGraph
 from pcsg.graph.stats import Counts
-from pcsg.trace.pool import ModelPool
+from pcsg.trace.pool import ModelPool, make_pool
 from pcsg.trace.preparing import UNLIMITED, Preparation
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class StatesReader:
             return Expansion(
                 self.graph,
                 self.values,
-                models or ModelPool(),
+                models or make_pool(self.graph),
                 memory,
                 look_ahead,
                 without,
