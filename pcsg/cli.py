@@ -108,6 +108,9 @@ def render(
         str,
         typer.Option(metavar="KEYS", help='Add a ground plane: "z=auto", "z=0 material=grass".'),
     ] = "",
+    fog: Annotated[
+        str, typer.Option(metavar="KEYS", help='Add fog: "density=0.02 height=3".')
+    ] = "",
     aov: Annotated[
         str,
         typer.Option(metavar="LIST", help="Write layers too: depth,normal,albedo,label,leaf."),
@@ -169,6 +172,7 @@ def render(
                 "sun": sun,
                 "sky": sky,
                 "ground": ground,
+                "fog": fog,
                 "film": " ".join(
                     f"{key}={value}"
                     for key, value in (("mode", mode), ("exposure", exposure), ("view", view))

@@ -173,7 +173,7 @@ class _Cutter:
                 return "labelled"
             if following == "ASSIGN":
                 return "definition" if self._defines(token) else None
-            if token.text in SETTINGS and (token.first or not self.open):
+            if token.text in SETTINGS and (token.first or not self.open) and not self._is_name():
                 named = following == "NAME" and self._type(i + 2) == "LBRACE"
                 if following == "LBRACE" or named:
                     return "setting"
@@ -191,6 +191,11 @@ class _Cutter:
         if kind == "NAME" and token.first and self._on_line(i + 1) and following == "LBRACE":
             return "setting"
         return "axiom" if kind in _OPERAND_STARTS and self.item is not None else None
+
+    def _is_name(self) -> bool:
+        """Whether the next token names the setting that has just begun: ``material fog { }``."""
+        item = self.item
+        return item is not None and item.kind == "setting" and len(item.tokens) == 1
 
     def _is_of_solids(self, i: int) -> bool:
         """Whether the bracket that opens at token i holds solids, not a call's numbers."""

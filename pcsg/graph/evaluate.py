@@ -91,6 +91,8 @@ def _check_together(setting: Setting, values: Mapping[str, Any]) -> list[Diagnos
             problems.append(tell("target", "`eye` and `target` are the same point"))
         if (fault := check_camera(values)) is not None:
             problems.append(tell(fault.key, fault.message, fault.expected))
+    if kind == "spot" and values["position"] == values["target"]:
+        problems.append(tell("target", "`position` and `target` of a `spot` are the same point"))
     file = setting.values.get("file")
     if isinstance(file, FileName) and not file.path.is_file():
         problems.append(tell("file", f"there is no file `{file}`"))

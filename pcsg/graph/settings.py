@@ -204,6 +204,26 @@ SETTINGS = {
             several=True,
         ),
         SettingKind(
+            "spot",
+            "A lamp that shines into a cone.",
+            {
+                "position": Key(_V, (0.0, 0.0, 10.0), "where the lamp is", **_FAR),
+                "target": Key(_V, (0.0, 0.0, 0.0), "the point that it is turned to", **_FAR),
+                "color": Key(_C, (1.0, 1.0, 1.0), "colour of its light", **_COLORS),
+                "strength": Key(_N, 1.0, "its power in the middle", low=0.0, high=BRIGHT),
+                "radius": Key(_N, 0.0, "size of the lamp", low=0.0, high=FAR),
+                "angle": Key(_N, 60.0, "full angle of its cone in degrees", low=0.01, high=360.0),
+                "soft": Key(
+                    _N,
+                    0.2,
+                    "part of the angle over which it fades: 0 sharp to 1",
+                    low=0.0,
+                    high=1.0,
+                ),
+            },
+            several=True,
+        ),
+        SettingKind(
             "sky",
             "Light from all around, and the background.",
             {
@@ -227,6 +247,31 @@ SETTINGS = {
             {
                 "z": Key(_N, None, "its height; automatic: the lowest point of the scene", **_FAR),
                 "material": Key(ValueKind.NAME, None, "its material", refers_to="material"),
+                "haze": Key(
+                    _N,
+                    None,
+                    "distance at which it fades into the sky; automatic: six times the target's",
+                    low=1.0 / FAR,
+                    high=FAR,
+                ),
+            },
+        ),
+        SettingKind(
+            "fog",
+            "Air that is not clear.",
+            {
+                "density": Key(
+                    _N, 0.01, "part of the light that is lost per length", low=0.0, high=FAR
+                ),
+                "height": Key(
+                    _N,
+                    None,
+                    "over which it thins to 1/e; automatic: it is the same everywhere",
+                    low=1.0 / FAR,
+                    high=FAR,
+                ),
+                "z": Key(_N, None, "where it begins to thin; automatic: the ground, or 0", **_FAR),
+                "color": Key(_C, None, "its light; automatic: the sky's at the horizon", **_COLORS),
             },
         ),
         SettingKind(

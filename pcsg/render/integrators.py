@@ -70,10 +70,6 @@ class Integrator(Protocol):
         ...
 
 
-HAZE = 12.0
-"""Distance, in extents of the scene, at which the ground plane has faded into the sky."""
-
-
 class Start(NamedTuple):
     """Rays that leave surfaces.
 
@@ -205,6 +201,6 @@ def hazed(stage: Stage, light: Floats, hits: Hits, at: Ints, backdrop: Floats) -
     if not stage.ground:
         return light
     behind = backdrop[at]
-    far = hits.t[at] / (HAZE * stage.extent)
+    far = hits.t[at] / stage.haze
     clear = np.where(hits.leaf[at] == GROUND, np.exp(-far * far), 1.0)[:, None]
     return np.asarray(behind + clear * (light - behind))

@@ -32,6 +32,7 @@ from pcsg.render.preview import Preview
 from pcsg.render.sampler import Sampler
 from pcsg.render.stage import Stage, build_stage
 from pcsg.render.tracer import Floats, RenderScene
+from pcsg.render.veiled import Veiled
 from pcsg.trace.rays import Stopped, stoppable
 
 _BLOCK = 64
@@ -136,6 +137,8 @@ class Job:
         self.progress = Progress(passes=len(options.levels))
         self.sampler = Sampler(options.size, options.samples, options.seed)
         self.integrator: Integrator = MODES[self.stage.mode](self.stage, self.sampler)
+        if self.stage.fog is not None:
+            self.integrator = Veiled(self.integrator, self.stage.fog)
         self.description = describe(scene, options)
         # Names of files need not be text, but what a picture's file says must be.
         more = {name: printable(text) for name, text in (metadata or {}).items()}
@@ -444,7 +447,7 @@ def render(
     EnvironmentFault
         The picture does not fit into memory.
     """
-    known = ("camera", "sun", "sky", "ground", "film")
+    known = ("camera", "sun", "sky", "ground", "fog", "film")
     for kind in settings:
         if kind not in known:
             raise UsageError(f"render() has no argument `{kind}`; settings are {', '.join(known)}")

@@ -229,7 +229,7 @@ def make_sun(
     if not values["strength"] > 0:
         return None
     direction = sun_direction(values)
-    color = _scaled(values["color"], values["strength"])
+    color = scale_color(values["color"], values["strength"])
     irradiance = color[0] * dimmed[0], color[1] * dimmed[1], color[2] * dimmed[2]
     return Sun(direction, irradiance, float(values["angle"])) if max(irradiance) > 0 else None
 
@@ -248,8 +248,8 @@ def make_balls(several: Sequence[Mapping[str, Any]]) -> list[Ball]:
     """Return the lights of settings ``light {}`` that shine."""
     return [
         Ball(
-            _scaled(values["position"], 1.0),
-            _scaled(values["color"], values["strength"]),
+            scale_color(values["position"], 1.0),
+            scale_color(values["color"], values["strength"]),
             float(values["radius"]),
         )
         for values in several
@@ -257,5 +257,6 @@ def make_balls(several: Sequence[Mapping[str, Any]]) -> list[Ball]:
     ]
 
 
-def _scaled(color: Any, strength: float) -> tuple[float, float, float]:
+def scale_color(color: Any, strength: float) -> tuple[float, float, float]:
+    """Return a colour of a setting times a number."""
     return float(color[0] * strength), float(color[1] * strength), float(color[2] * strength)

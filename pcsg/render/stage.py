@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,10 +15,12 @@ from pcsg.graph.settings import SETTINGS, check_value
 from pcsg.render.camera import Camera, Widths
 from pcsg.render.daylight import PhysicalSky, sunlight
 from pcsg.render.emitters import Emitters, make_emitters
+from pcsg.render.fog import Fog, make_fog
 from pcsg.render.framing import find_lowest, place, tame
 from pcsg.render.lights import Light, make_balls, make_sun, sun_direction
 from pcsg.render.materials import Materials
 from pcsg.render.sky import DARK, Sky, make_sky
+from pcsg.render.spots import make_spots
 from pcsg.render.textures import Textures
 from pcsg.render.tracer import (
     DetailedTracer,
@@ -27,6 +30,10 @@ from pcsg.render.tracer import (
     WideTracer,
 )
 from pcsg.render.view import View
+
+HAZE = 6.0
+"""Distance at which the ground has faded into the sky, in those of the camera's target. The world
+does not change with what stands in it: a growing tree must not move the horizon."""
 
 SOFT = 0.02
 """Width per distance of the rays that ask how much of the sky is open."""
@@ -48,7 +55,7 @@ class Stage:
     extent
         Greatest side of the bounds: what is far and near in this scene.
     lights
-        Sun, balls and points.
+        Sun, balls, points and spots.
     sources
         All that shines from outside the scene: the lights, and the sky if there is one.
     emitters
@@ -59,6 +66,10 @@ class Stage:
         Whether the camera sees the sun's disc.
     ground
         Whether there is a ground plane.
+    haze
+        Distance at which it has faded into the sky.
+    fog
+        The fog; None if the air is clear.
     mode, bounces
         How light is followed, over how many surfaces.
     view
@@ -76,6 +87,8 @@ class Stage:
     materials: Materials
     extent: float
     ground: bool
+    haze: float
+    fog: Fog | None
     mode: str
     bounces: int
     view: View
@@ -132,20 +145,25 @@ def build_stage(
         dimmed = sunlight(sky.sun[2], sky.turbidity)
     sun = make_sun(sun_values, dimmed)
     balls = make_balls(scene.setting_values("light"))
+    spots = make_spots(scene.setting_values("spot"))
     film = _values(scene, "film", overrides)
     fine = _fine(camera, height, detail)
     tracer = _detailed(scene.tracer, camera, fine)
     things = _detailed(scene.tracer, camera, fine, max(fine.spread, SOFT))
     grounded = bool(scene.setting_values("ground")) or "ground" in overrides
     extent = float((box[1] - box[0]).max())
+    values = _values(scene, "ground", overrides)
+    z = values["z"]
+    haze = values["haze"] or HAZE * math.dist(camera.eye, camera.target)
     if grounded:
-        values = _values(scene, "ground", overrides)
-        z = values["z"]
         if z is None:
             z = find_lowest(bounds, scene.tracer, scene.reach) - 1e-6 * extent
         number = _material_number(scene, values["material"])
         tracer = GroundedTracer(tracer, float(z), number)
-    lights: tuple[Light, ...] = (*((sun,) if sun else ()), *balls)
+    lights: tuple[Light, ...] = (*((sun,) if sun else ()), *balls, *spots)
+    fog = None
+    if scene.setting_values("fog") or "fog" in overrides:
+        fog = make_fog(_values(scene, "fog", overrides), sky or DARK, z if grounded else None)
     return Stage(
         tracer=tracer,
         things=things,
@@ -158,6 +176,8 @@ def build_stage(
         materials=materials,
         extent=extent,
         ground=grounded,
+        haze=haze,
+        fog=fog,
         mode=film["mode"],
         bounces=round(film["bounces"]),
         view=View(film["view"], float(film["exposure"])),

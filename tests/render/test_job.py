@@ -229,7 +229,7 @@ def test_unfinished_pixels_are_transparent(tmp_path):
 
 def test_the_ground_fades_into_the_sky():
     scene = Spheres(ground=[GROUND])
-    camera = {"eye": (0.0, -10.0, 2.0), "target": (0.0, 100.0, 1.0), "fov": 40.0}
+    camera = {"eye": (0.0, -10.0, 2.0), "target": (0.0, 0.0, 1.9), "fov": 40.0}
     image = render(scene, (40, 200), samples=1, camera=camera)
     column = image.rgb[:, 0].mean(axis=1)
     horizon = np.flatnonzero(np.isfinite(image.depth[:, 0]))[0]
