@@ -23,6 +23,7 @@ from benchmarks import (
     rays,
     scattered,
     trees,
+    view,
     wood,
 )
 from benchmarks.report import Effort, Subject, describe_machine, lines_of
@@ -53,6 +54,7 @@ SUBJECTS: tuple[Subject, ...] = (
     wood.WOOD,
     wood.GRIDS,
     wood.FRAMES,
+    view.VIEW,
 )
 RESULTS = Path(__file__).parent / "RESULTS.md"
 

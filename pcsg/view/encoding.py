@@ -12,7 +12,7 @@ from PIL import Image as Pillow
 
 from pcsg.render.image import Image
 
-GRID = 64, 48
+GRID = 128, 96
 """Most columns and rows of the distances that come with a picture."""
 
 QUALITY = 82

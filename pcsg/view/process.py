@@ -53,6 +53,10 @@ class Process:
         self._over = False
         Thread(target=self._listen, name="pcsg-listener", daemon=True).start()
 
+    def redirect(self, receive: Callable[[Any], None]) -> None:
+        """Let somebody else hear what the process says from now on."""
+        self._receive = receive
+
     def send(self, message: Message) -> None:
         """Tell the process something; nothing happens where it has ended."""
         try:
@@ -74,9 +78,14 @@ class Process:
         if self._over:
             return
         try:
-            self._loop.call_soon_threadsafe(self._receive, said)
+            self._loop.call_soon_threadsafe(self._hand_on, said)
         except RuntimeError:
             return  # the loop is closed: the server ends
+
+    def _hand_on(self, said: Any) -> None:
+        """In the event loop: who hears may have changed since it was said."""
+        if not self._over:
+            self._receive(said)
 
     def end(self) -> None:
         """End the process, whatever it does; nothing more comes from it."""

@@ -8,7 +8,7 @@ import json
 from collections.abc import Callable, Mapping
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from http import HTTPStatus
 from typing import Any
 
@@ -26,6 +26,7 @@ from pcsg.view.assets import assets
 from pcsg.view.document import Document
 from pcsg.view.opening import Limits
 from pcsg.view.session import Session
+from pcsg.view.standby import Standby
 
 MOST_WINDOWS = 8
 """Windows at a time: each has a process of its own."""
@@ -57,6 +58,11 @@ class Viewer:
     windows: dict[str, Session] = field(default_factory=dict)
     sockets: dict[str, ServerConnection] = field(default_factory=dict)
 
+    @cached_property
+    def standby(self) -> Standby:
+        """The process that waits for the next window."""
+        return Standby(self.document.path, self.limits, self.values)
+
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answer a plain request; None lets a socket be opened."""
         hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
@@ -80,7 +86,9 @@ class Viewer:
         window = await self._greet(socket)
         if window is None:
             return
-        session = self.windows.setdefault(window, Session(self.document, self.limits))
+        if window not in self.windows:
+            self.windows[window] = Session(self.document, self.limits, self.standby.start)
+        session = self.windows[window]
         before = self.sockets.get(window)
         self.sockets[window] = socket
         if before is not None:
@@ -129,6 +137,7 @@ class Viewer:
             self._forget(lambda session: session.is_forgotten)
             for session in list(self.windows.values()):
                 session.tick()
+            self.standby.tick()
 
     def _forget(self, done: Callable[[Session], bool]) -> None:
         for window, session in list(self.windows.items()):
@@ -138,6 +147,7 @@ class Viewer:
 
     def end(self) -> None:
         """End all processes."""
+        self.standby.end()
         for session in self.windows.values():
             session.end()
 
@@ -190,6 +200,7 @@ async def run(viewer: Viewer, port: int, ready: Callable[[int], None], ssl: Any 
             raise EnvironmentFault(
                 f"cannot listen at {viewer.guard.host}, port {port}: {error.strerror or error}"
             ) from None
+        assert viewer.standby is not None  # it starts now
         ready(next(iter(server.sockets)).getsockname()[1])
         try:
             await viewer.watch()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from pcsg.errors import PcsgError
-from pcsg.memory import half_of_memory
+from pcsg.memory import half_of_memory, show_bytes
 from pcsg.view.document import Document, Watch
 from pcsg.view.inbox import Message
 from pcsg.view.opening import Limits, describe_error
@@ -198,12 +198,16 @@ class Session:
             self._tell_trouble(tell_end(said))
             return
         word = said["type"]
+        if word == "ready":
+            return
         if word == "taken":
             self._waiting_since, self._is_ready = None, True
             return
         if word in ("scene", "errors") and "files" in said:
             self._watch.follow([self._document.path, *said["files"]])
         self._is_compiling = said.get("compiling", False)
+        if word == "counts" and self._process is not None:
+            said = {**said, "memory": show_bytes(self._process.memory)}
         if self._gone_since is None:
             self.outgoing.say(said)
 

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -49,6 +50,15 @@ TOLD_EVERY = 0.3
 """Seconds between two words about how far a preparation is."""
 
 
+QUICK = 3.0
+"""Seconds of a scene's preparation up to which its parts are counted, too."""
+
+
+def show_count(number: int) -> str:
+    """Return a number as a line of figures has room for it."""
+    return f"{number:,}" if number < 10**12 else f"{Decimal(number):.3g}"
+
+
 @dataclass(frozen=True)
 class Picture:
     """A picture for a page.
@@ -81,6 +91,7 @@ def serve(connection: Connection, path: str, limits: Limits) -> None:
     worker = Worker(connection.send, Path(path), limits)
     inbox = Inbox(connection, worker.interrupt)
     worker.inbox = inbox
+    connection.send({"type": "ready"})
     while (news := inbox.take()) is not None:
         want, messages = news
         try:
@@ -126,6 +137,8 @@ class Worker:
         self._shown: Want | None = None
         self._below: NDArray[np.uint8] | None = None
         self._job: Job | None = None
+        self._counted: Prepared | None = None
+        self._took = 0.0
         self._file_is_due = False
         self.rests = False
 
@@ -213,6 +226,7 @@ class Worker:
             if self._draw(want):
                 self._shown = wanted
                 self._send_file()
+                self._count()
 
     @contextmanager
     def _telling_errors(self) -> Iterator[None]:
@@ -231,6 +245,14 @@ class Worker:
         files |= files_in(getattr(error, "diagnostics", ()))
         told = describe_error(error)
         self._send({"type": "errors", "errors": told, "files": self._saved(files)})
+
+    def _count(self) -> None:
+        """Tell what the scene consists of, once; where its preparation took long, so would this."""
+        if self._prepared is None or self._prepared is self._counted or self._took > QUICK:
+            return
+        self._counted = self._prepared
+        primitives = self._prepared.scene.stats()["primitives"]
+        self._send({"type": "counts", "primitives": show_count(primitives)})
 
     def _saved(self, files: Iterable[str]) -> list[str]:
         """Return the files that somebody may save: a draft is none."""
@@ -270,7 +292,8 @@ class Worker:
             )
         self._refused = None
         self.adopt(prepared)
-        self._tell_scene(time.perf_counter() - begin)
+        self._took = time.perf_counter() - begin
+        self._tell_scene(self._took)
 
     def adopt(self, prepared: Prepared) -> None:
         """Show a scene from now on."""

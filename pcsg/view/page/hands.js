@@ -110,7 +110,7 @@ export class Hands {
     requestAnimationFrame((now) => {
       if (this.keys.size === 0) return this.view.rest();
       const camera = this.view.camera();
-      const far = this.view.picture.distance([0.5, 0.5]) ?? size(sub(camera.target, camera.eye));
+      const far = this.view.picture.find([0.5, 0.5])?.distance ?? size(sub(camera.target, camera.eye));
       const by = 0.8 * far * Math.min(0.1, (now - before) / 1000);
       const on = (plus, minus) => (this.keys.has(plus) - this.keys.has(minus)) * by;
       this.view.move(fly(camera, on("KeyD", "KeyA"), on("KeyE", "KeyQ"), on("KeyW", "KeyS")));

@@ -20,10 +20,12 @@ const kept = JSON.parse(sessionStorage.getItem(KEPT) ?? "null");
 const wanted = { values: {}, camera: null, mode: null, layer: "picture", samples: 16, ...kept };
 
 let number = 0, awaited = 0, awaitedAt = 0, moving = false, due = false;
-let scene = null, home = null, file = "";
+let scene = null, home = null, file = "", figures = "", counts = "";
 
 const say = (text) => text !== $("status").textContent && ($("status").textContent = text);
 const become = (state) => (document.body.dataset.state = state);
+
+const showFigures = () => ($("figures").textContent = figures + counts);
 
 // Ask for the picture that is wanted. While something moves one is under way at a time, so that a
 // slow connection gets fewer pictures and no queue.
@@ -137,6 +139,7 @@ const heard = {
   },
   scene(message) {
     scene = message;
+    counts = "";
     sliders.show(scene, wanted.values);
     curves.show(scene.curves);
     errors.show(message.warnings);
@@ -155,6 +158,10 @@ const heard = {
     errors.show(message.errors);
   },
   tile: (message) => sheet.show(message),
+  counts(message) {
+    counts = ` · ${message.primitives} primitives · ${message.memory}`;
+    showFigures();
+  },
   answer: (message) => answers.show(message),
   async frame(message) {
     if (message.number >= awaited) awaited = 0;
@@ -163,8 +170,8 @@ const heard = {
     if (!(await picture.show(message))) return;
     const rate = message.rays / Math.max(message.seconds, 1e-6) / 1e6;
     const samples = message.samples ? ` · ${message.samples.toPrecision(3)} samples` : "";
-    const primitives = scene?.primitives ? ` · ${scene.primitives} primitives` : "";
-    $("figures").textContent = `${rate.toPrecision(2)} million rays/s${samples}${primitives}`;
+    figures = `${rate.toPrecision(2)} million rays/s${samples}`;
+    showFigures();
     document.body.dataset.frames = Number(document.body.dataset.frames ?? 0) + 1;
     if (document.body.dataset.state === "errors") return;
     become(message.done ? "done" : "drawing");

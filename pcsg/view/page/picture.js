@@ -2,6 +2,7 @@
 
 import { add, mul, ray } from "./vectors.js";
 
+const REACH = 8; // cells around the pointer in which something is looked for
 const MOST_PIXELS = 1_500_000; // finer screens get larger pixels
 
 export class Picture {
@@ -38,20 +39,24 @@ export class Picture {
     return true;
   }
 
-  // Distance from the eye of what is at a place, or near it; null where nothing is.
-  distance(place) {
+  // What is at a place of the picture that is seen, or else nearest to it: where that is in the
+  // picture, and its distance from the eye; null where nothing is near.
+  find(place) {
     if (!this.shown) return null;
     const { depth, grid: [columns, rows] } = this.shown;
     const column = Math.min(columns - 1, Math.max(0, Math.floor(place[0] * columns)));
     const row = Math.min(rows - 1, Math.max(0, Math.floor(place[1] * rows)));
-    for (let reach = 0; reach <= 3; reach++) {
-      let best = Infinity;
-      for (let y = Math.max(0, row - reach); y <= Math.min(rows - 1, row + reach); y++)
-        for (let x = Math.max(0, column - reach); x <= Math.min(columns - 1, column + reach); x++)
-          best = Math.min(best, depth[y * columns + x]);
-      if (Number.isFinite(best)) return best;
-    }
-    return null;
+    const own = depth[row * columns + column];
+    if (Number.isFinite(own)) return { place, distance: own };
+    let best = null, nearest = (REACH + 1) ** 2;
+    for (let y = Math.max(0, row - REACH); y <= Math.min(rows - 1, row + REACH); y++)
+      for (let x = Math.max(0, column - REACH); x <= Math.min(columns - 1, column + REACH); x++) {
+        const apart = (x - column) ** 2 + (y - row) ** 2, distance = depth[y * columns + x];
+        if (!Number.isFinite(distance) || apart >= nearest) continue;
+        nearest = apart;
+        best = { place: [(x + 0.5) / columns, (y + 0.5) / rows], distance };
+      }
+    return best;
   }
 
   // The point of the world at a place of the picture that is seen; beside everything one as far
@@ -59,8 +64,8 @@ export class Picture {
   point(place) {
     const { camera, size: [width, height] } = this.shown;
     const far = Math.hypot(...camera.target.map((t, k) => t - camera.eye[k]));
-    const distance = this.distance(place) ?? far;
-    const { origin, direction } = ray(camera, place, width / height);
-    return add(origin, mul(direction, distance));
+    const found = this.find(place) ?? { place, distance: far };
+    const { origin, direction } = ray(camera, found.place, width / height);
+    return add(origin, mul(direction, found.distance));
   }
 }
