@@ -214,6 +214,25 @@ def check(
 
 @app.command()
 @guard
+def fmt(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...", help="Grammars (.pcsg); - is standard input.", show_default=False
+        ),
+    ],
+    check: Annotated[
+        bool, typer.Option("--check", help="Write nothing; list the files that would change.")
+    ] = False,
+) -> None:
+    """Set the blanks and line ends of grammars in order, in place."""
+    from pcsg.commands.fmt import run
+
+    run(files, check)
+
+
+@app.command()
+@guard
 def scan(
     file: File,
     output: Annotated[

@@ -60,8 +60,15 @@ def check_output(path: Path, endings: tuple[str, ...]) -> None:
     sweep(folder)
 
 
-def write_whole(path: Path, write: Callable[[IO[bytes]], object]) -> None:
+def write_whole(
+    path: Path, write: Callable[[IO[bytes]], object], *, rights: int | None = None
+) -> None:
     """Write a file beside its place, then rename it: readers see all of it or nothing.
+
+    Parameters
+    ----------
+    rights
+        Permissions of the file, by default those of any new one.
 
     Raises
     ------
@@ -73,11 +80,18 @@ def write_whole(path: Path, write: Callable[[IO[bytes]], object]) -> None:
         with place.open("wb") as file:
             write(file)
 
-    write_by_name(path, write_open)
+    write_by_name(path, write_open, rights=rights)
 
 
-def write_by_name(path: Path, write: Callable[[Path], object]) -> None:
+def write_by_name(
+    path: Path, write: Callable[[Path], object], *, rights: int | None = None
+) -> None:
     """Let a function write a file beside its place by its name, then rename it.
+
+    Parameters
+    ----------
+    rights
+        Permissions of the file, by default those of any new one.
 
     Raises
     ------
@@ -93,7 +107,7 @@ def write_by_name(path: Path, write: Callable[[Path], object]) -> None:
             # mkstemp lets only the owner read; a picture gets the rights of any new file.
             mask = os.umask(0)
             os.umask(mask)
-            temporary.chmod(0o666 & ~mask)
+            temporary.chmod(0o666 & ~mask if rights is None else rights)
             temporary.replace(path)
     except OSError as error:
         raise EnvironmentFault(f"cannot write {path}: {error.strerror or error}") from error

@@ -105,7 +105,7 @@ def _plant_grammar(text: str) -> str:
 
 def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
     """Read a file and what it includes."""
-    source, problems = _read(path)
+    source, problems = read_source(path)
     named = None
     if source is not None:
         form = model_grammar(path.suffix, source.text)
@@ -137,17 +137,23 @@ def preprocess_text(text: str, name: str, include: Iterable[str | Path]) -> Prep
     return _preprocess(source, None, Path(), Reach.of(Path(), include), [])
 
 
-def _read(path: Path) -> tuple[Source | None, list[Diagnostic]]:
+def read_source(path: Path) -> tuple[Source | None, list[Diagnostic]]:
     """Return the text of a file, as far as it is text."""
-    name = str(path)
     try:
         data = read_bytes(path, "grammar", MAX_BYTES)
     except TooLargeError as error:
         return None, [diagnose("file-too-large", str(error))]
     except PcsgError as error:
         return None, [diagnose("file-missing", str(error))]
+    return decode_source(data, str(path), str(path.parent))
+
+
+def decode_source(
+    data: bytes, name: str, folder: str = ""
+) -> tuple[Source | None, list[Diagnostic]]:
+    """Return the text that bytes are, as far as they are text."""
     try:
-        return Source(name, data.decode("utf-8-sig"), str(path.parent)), []
+        return Source(name, data.decode("utf-8-sig"), folder), []
     except UnicodeDecodeError as error:
         # Bytes before the bad one are text; their number of characters is its offset.
         start = data[: error.start].decode("utf-8-sig")
@@ -188,7 +194,7 @@ def _preprocess(
             unit.includes.append((resolved, span))
             if resolved in units:
                 continue
-            text, trouble = _read(target)
+            text, trouble = read_source(target)
             for p in trouble:
                 code = "include-missing" if p.span is None else p.code
                 problems.append(diagnose(code, p.message, p.span or span, hint=p.hint))

@@ -147,11 +147,18 @@ _NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 _LITERAL = r"[ \t]*-?(?:[0-9]{1,99}(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?[ \t]*"
 _IN_LITERALS = re.compile(rf"[(),-]|{_NUMBER}")
 
-_PATTERN = re.compile(
-    r"""
+_BETWEEN = r"""
     (?P<NEWLINE>\n)
     | (?P<BLANK>[ \t\r\f\v]+)
     | (?P<COMMENT>//[^\n]* | /\*[\s\S]*?\*/)
+"""
+
+BETWEEN = re.compile(_BETWEEN, re.VERBOSE)
+"""What may stand between tokens: the end of a line, blanks, a comment."""
+
+_PATTERN = re.compile(
+    _BETWEEN
+    + r"""
     | (?P<OPEN_COMMENT>/\*)
     | (?P<WORD>"""
     + WORD
