@@ -120,7 +120,7 @@ def rows_of_light(scale: float) -> Iterator[Row]:
     for lai in (1.0, 3.0, 5.0):
         # Ways between leaves are long beside their size, so that light does not come back by the
         # gap that it came through.
-        scene, cell = slab("horizontal", lai, 100_000, height=2.5 * lai)
+        scene, cell = slab("horizontal", lai, 400_000, height=2.5 * lai)
         found = light.interception(
             scene, light.sun(0), {"x": {LEAF: (0.5, 0.5)}}, periodic=cell, rays=int(60_000 * scale)
         )["x"]
