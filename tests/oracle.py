@@ -443,6 +443,41 @@ def _meet(a: list[Piece], b: list[Piece]) -> list[Piece]:
     return sorted(out, key=lambda piece: piece[0])
 
 
+def _norm(e: float, n: float, p: Vector) -> float:
+    """Return the number by which a superellipsoid must be scaled to reach a point."""
+    ring = _power_mean(abs(p[0]), abs(p[1]), 2.0 / e)
+    return _power_mean(ring, abs(p[2]), 2.0 / n)
+
+
+def _power_mean(a: float, b: float, power: float) -> float:
+    a, b = max(a, b), min(a, b)
+    return a * (1.0 + (b / a) ** power) ** (1.0 / power) if a > 0.0 else 0.0
+
+
+def _superellipsoid(e: float, n: float, p: Vector, d: Vector) -> list[Piece]:
+    """Where the norm is at most 1: it is convex; p is the foot of the perpendicular."""
+    reach = 2.0 * (1.0 + math.sqrt(_dot(p, p))) / math.sqrt(_dot(d, d))
+
+    def norm(t: float) -> float:
+        return _norm(e, n, _at(p, d, t))
+
+    low, high = -reach, reach
+    for _ in range(200):
+        a, b = low + (high - low) / 3.0, high - (high - low) / 3.0
+        low, high = (a, high) if norm(a) > norm(b) else (low, b)
+    middle = 0.5 * (low + high)
+    if norm(middle) >= 1.0:
+        return []
+    ends = []
+    for out in (-reach, reach):
+        inner, outer = middle, out
+        for _ in range(100):
+            half = 0.5 * (inner + outer)
+            inner, outer = (half, outer) if norm(half) <= 1.0 else (inner, half)
+        ends.append(inner)
+    return [(ends[0], CURVED, ends[1], CURVED)]
+
+
 def _round_cone(r: float, p: Vector, d: Vector) -> list[Piece]:
     """Where some ball of radius 1 + (r - 1) h about (0, 0, h) contains the ray, 0 <= h <= 1.
 
@@ -502,7 +537,16 @@ def pieces(name: str, args: Sequence[float], o: Vector, d: Vector) -> list[Piece
         # On this side of the apex.
         k = 1.0 - args[0]
         found = [(a, CURVED, b, CURVED) for a, _, b, _ in _plane((0.0, 0.0, k), 1.0, o, d)]
-    if name in ("sphere", "cylinder", "cone", "torus", "capsule", "infcylinder", "infcone"):
+    if name in (
+        "sphere",
+        "cylinder",
+        "cone",
+        "torus",
+        "capsule",
+        "superellipsoid",
+        "infcylinder",
+        "infcone",
+    ):
         # Parameters count from the point nearest to the centre, where digits are not lost.
         foot = -_dot(o, d) / _dot(d, d)
         p = _at(o, d, foot)
@@ -510,6 +554,8 @@ def pieces(name: str, args: Sequence[float], o: Vector, d: Vector) -> list[Piece
             curved = _quadratic(_dot(d, d), _dot(p, d), _dot(p, p) - 1.0)
         elif name == "torus":
             curved = _torus(args[0], p, d)
+        elif name == "superellipsoid":
+            curved = _superellipsoid(args[0], args[1], p, d)
         elif name == "capsule":
             curved = _round_cone(args[0], p, d)
         else:
@@ -548,6 +594,15 @@ def gradient(name: str, args: Sequence[float], p: Vector) -> Vector:
         return p
     if name in ("cylinder", "infcylinder"):
         return (x, y, 0.0)
+    if name == "superellipsoid":
+        a, b = 2.0 / args[0], 2.0 / args[1]
+        ring, whole = _power_mean(abs(x), abs(y), a), _norm(args[0], args[1], p)
+        outer = (ring / whole) ** (b - 1.0)
+        parts = [outer * (abs(c) / ring) ** (a - 1.0) if ring > 0.0 else 0.0 for c in (x, y)]
+        parts.append((abs(z) / whole) ** (b - 1.0))
+        # On a plane between two faces neither counts.
+        g, h, k = (math.copysign(v, c) if c != 0.0 else 0.0 for v, c in zip(parts, p, strict=True))
+        return (g, h, k)
     if name == "capsule":
         return (x, y, z - _capsule_center(args[0], p))
     if name in ("cone", "infcone"):
@@ -594,6 +649,8 @@ def inside(name: str, args: Sequence[float], p: Vector) -> bool:
     if name == "capsule":
         h = _capsule_center(args[0], p)
         return math.hypot(x, y, z - h) <= 1.0 - (1.0 - args[0]) * h
+    if name == "superellipsoid":
+        return _norm(args[0], args[1], p) <= 1.0
     if name == "infcylinder":
         return x * x + y * y <= 1.0
     if name == "infcone":

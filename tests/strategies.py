@@ -24,7 +24,7 @@ Ray = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 SOLID_NAMES = (
     *("sphere", "box", "cylinder", "cone", "tetrahedron", "torus", "halfspace", "empty"),
-    *("capsule", "infcylinder", "infcone"),
+    *("capsule", "superellipsoid", "infcylinder", "infcone"),
 )
 SHEET_NAMES = tuple(name for name in oracle.SHEETS if name in LEAVES)
 
@@ -179,6 +179,8 @@ def primitives(draw: Draw, integral: bool = False, sheets: bool = False) -> Node
     if name in ("cone", "capsule", "infcone"):
         radius = st.sampled_from([0.0, 1.0, 2.0]) if integral else st.floats(0.0, 2.0)
         return solid(name, draw(radius)) if draw(st.booleans()) else solid(name)
+    if name == "superellipsoid":
+        return solid(name, *(draw(st.sampled_from([0.25, 1.0, 2.0, 0.7])) for _ in range(2)))
     if name == "torus":
         # One of radius 1 touches itself, and a ray through that point has no one answer.
         radius = st.sampled_from([0.25, 0.5, 0.75]) if integral else st.floats(0.05, 0.9)

@@ -36,6 +36,11 @@ IMPLICIT: dict[str, Callable[..., Array]] = {
     ),
     "torus": lambda p, r: np.hypot(np.hypot(p[:, 0], p[:, 1]) - 1, p[:, 2]) - r,
     "halfspace": lambda p: p[:, 2],
+    "superellipsoid": lambda p, e, n: (
+        (np.abs(p[:, 0]) ** (2 / e) + np.abs(p[:, 1]) ** (2 / e)) ** (e / n)
+        + np.abs(p[:, 2]) ** (2 / n)
+        - 1
+    ),
     "infcylinder": lambda p: np.hypot(p[:, 0], p[:, 1]) - 1,
     "infcone": lambda p, r: np.hypot(p[:, 0], p[:, 1]) - (1 + (r - 1) * p[:, 2]),
     "capsule": lambda p, r: np.min(
@@ -136,10 +141,12 @@ def test_normals_point_from_inside_to_outside(data: st.DataObject) -> None:
             assert (along > 0) == (e.kind == "leave")
 
 
-@pytest.mark.parametrize("name", ["sphere", "cylinder", "cone", "torus", "capsule", "infcone"])
+@pytest.mark.parametrize(
+    "name", ["sphere", "cylinder", "cone", "torus", "capsule", "superellipsoid", "infcone"]
+)
 @given(data=st.data())
 def test_gradients_are_those_of_the_implicit_functions(name: str, data: st.DataObject) -> None:
-    args = [] if name in ("sphere", "cylinder") else [0.4]
+    args = {"sphere": [], "cylinder": [], "superellipsoid": [0.8, 0.5]}.get(name, [0.4])
     point = data.draw(st.tuples(st.floats(0.3, 1.2), st.floats(-1, 1), st.floats(0.1, 0.9)))
     h = 1e-6
     nearby = np.array(point) + np.vstack([np.eye(3), -np.eye(3)]) * h

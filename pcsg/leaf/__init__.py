@@ -1,6 +1,6 @@
 """Primitive solids and sheets, each with its crossings, normal, membership and coordinates."""
 
-from pcsg.leaf import polyhedra, quadrics, sheets, solids, torus
+from pcsg.leaf import polyhedra, quadrics, sheets, solids, superellipsoid, torus
 
 # isort: split
 from pcsg.leaf import mesh
@@ -21,5 +21,6 @@ __all__ = [
     "quadrics",
     "sheets",
     "solids",
+    "superellipsoid",
     "torus",
 ]

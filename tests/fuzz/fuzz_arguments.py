@@ -140,6 +140,7 @@ KEYWORDS: dict[str, tuple[str, ...]] = {
     "pcsg.cone": (),
     "pcsg.capsule": (),
     "pcsg.infcone": (),
+    "pcsg.superellipsoid": (),
     "pcsg.torus": (),
     "pcsg.sphere": (),
     "pcsg.mesh": (),

@@ -84,6 +84,40 @@ def infcone(p: Points, args: Args) -> Any:
     return np.maximum(side, np.where(radius < 0.0, -radius / np.hypot(1.0, r - 1.0), -np.inf))
 
 
+def superellipsoid(p: Points, args: Args) -> Any:
+    """The norm less 1, by its steepness: about the distance."""
+    a, b = 2.0 / args[0], 2.0 / args[1]
+    x, y, z = np.abs(np.moveaxis(np.asarray(p, dtype=float), -1, 0))
+    # With the largest taken out, so that powers stay in range.
+    big = np.maximum(np.maximum(x, y), 1e-300)
+    ring = big * ((x / big) ** a + (y / big) ** a) ** (1.0 / a)
+    big = np.maximum(np.maximum(ring, z), 1e-300)
+    norm = np.maximum(big * ((ring / big) ** b + (z / big) ** b) ** (1.0 / b), 1e-300)
+    by_ring, by_z = (ring / norm) ** (b - 1.0), (z / norm) ** (b - 1.0)
+    safe = np.maximum(ring, 1e-300)
+    by_x, by_y = (x / safe) ** (a - 1.0), (y / safe) ** (a - 1.0)
+    return (norm - 1.0) / np.maximum(np.hypot(by_ring * np.hypot(by_x, by_y), by_z), 0.5)
+
+
+def superellipsoid_points(args: Args) -> Points:
+    def power(x: Any, e: float) -> Any:
+        return np.sign(x) * np.abs(x) ** e
+
+    # The farthest in a direction is where this ratio is that of its components, to a power.
+    ratios = np.linspace(-9.0, 9.0, 181)
+    u, v = (
+        np.concatenate([[0.0], np.arctan(np.exp(ratios / (2.0 - min(e, 1.95)))), [np.pi / 2.0]])
+        for e in args
+    )
+    cu, su = power(np.cos(u), args[0]), power(np.sin(u), args[0])
+    cv, sv = power(np.cos(v), args[1]), power(np.sin(v), args[1])
+    eighth = np.stack(
+        [np.outer(cv, cu), np.outer(cv, su), np.outer(sv, np.ones_like(u))], axis=-1
+    ).reshape(-1, 3)
+    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+    return (eighth[None] * signs[:, None]).reshape(-1, 3)
+
+
 @dataclass(frozen=True)
 class Shape:
     """A second description of a solid.
@@ -110,6 +144,8 @@ RADII = st.one_of(st.sampled_from([0.0, 0.5, 1.0, 2.0]), st.floats(0.0, 3.0))
 TUBES = st.one_of(
     st.sampled_from([1.0, 0.5, 0.25, 1e-3]), st.floats(0.01, 1.0), st.floats(1e-6, 0.01)
 )
+
+ROUNDNESS = st.one_of(st.sampled_from([1.0, 2.0, 0.5, 0.1]), st.floats(0.05, 2.0))
 
 SHAPES: dict[str, Shape] = {
     "sphere": Shape(lambda p, a: np.linalg.norm(p, axis=-1) - 1.0, sphere_points),
@@ -140,6 +176,7 @@ SHAPES: dict[str, Shape] = {
         RADII.map(lambda r: (r,)),
         lambda a: 3.0 + 2.0 * a[0],
     ),
+    "superellipsoid": Shape(superellipsoid, superellipsoid_points, st.tuples(ROUNDNESS, ROUNDNESS)),
     "infcylinder": Shape(lambda p, a: rho(p) - 1.0, None, reach=lambda a: 4.0),
     "infcone": Shape(
         infcone, None, st.sampled_from([0.0, 0.5, 1.0, 2.0, 3.0]).map(lambda r: (r,)), lambda a: 4.0

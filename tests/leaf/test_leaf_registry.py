@@ -26,6 +26,7 @@ SPECIFIED = {
     "capsule": 1,
     "infcylinder": 0,
     "infcone": 1,
+    "superellipsoid": 2,
 }
 
 
