@@ -129,14 +129,18 @@ def best_times(
 
 
 def measure_command(command: Sequence[str], **variables: str) -> tuple[float, float, float]:
-    """Return seconds on the clock, processor seconds and peak megabytes of a command."""
+    """Return seconds on the clock, processor seconds and peak megabytes of a command.
+
+    Python keeps what it makes of source files, as it does for who has installed pcsg, even where
+    the environment of the measurement says otherwise.
+    """
     script = (
         "import resource, subprocess, sys, time; t = time.perf_counter();"
         "subprocess.run(sys.argv[1:], check=True, capture_output=True);"
         "r = resource.getrusage(resource.RUSAGE_CHILDREN);"
         "print(time.perf_counter() - t, r.ru_utime + r.ru_stime, r.ru_maxrss / 1e3)"
     )
-    environment = {**os.environ, **variables}
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "", **variables}
     line = [sys.executable, "-c", script, *command]
     told = subprocess.run(line, check=True, capture_output=True, text=True, env=environment)
     clock, processor, peak = map(float, told.stdout.split())

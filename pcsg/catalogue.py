@@ -243,6 +243,12 @@ CATALOGUE: dict[str, Mistake] = {
         Mistake("bad-argument", _R, "An argument of a primitive is outside its legal range."),
         Mistake("depth-limit", _R, "More modules on one path than the depth limit allows."),
         Mistake(
+            "long-ray",
+            _R,
+            "Some rays, such as those that begin on a surface, look at all modules along them, one "
+            "after the other. For this one they are more than 10 million.",
+        ),
+        Mistake(
             "too-many-models",
             _R,
             "A primitive with data is another model for every set of values that its parameters "

@@ -22,6 +22,7 @@ SELECTION_RANGE = "selection-range"
 SINGULAR_MATRIX = "singular-matrix"
 BAD_ARGUMENT = "bad-argument"
 DEPTH_LIMIT = "depth-limit"
+LONG_RAY = "long-ray"
 MEMORY_BUDGET = "memory-budget"
 TOO_MANY_MODELS = "too-many-models"
 
@@ -32,6 +33,7 @@ _MESSAGES = {
     SINGULAR_MATRIX: "the matrix {where} has no inverse",
     BAD_ARGUMENT: "an argument {where} is outside its legal range",
     DEPTH_LIMIT: "the recursion {where} does not end within the depth limit",
+    LONG_RAY: "a ray does not come to an end within the copies {where}",
     MEMORY_BUDGET: "the work {where} does not fit into the memory budget",
     TOO_MANY_MODELS: "too many models {where}",
 }
@@ -39,6 +41,7 @@ _MESSAGES = {
 _HINTS = {
     SINGULAR_MATRIX: "scale by something other than 0",
     DEPTH_LIMIT: "check that every cycle of rules changes a parameter towards a terminating rule",
+    LONG_RAY: "make fewer copies, or let modules stand for many",
     TOO_MANY_MODELS: "round a parameter, as in `round(8 * x) / 8`, so that places share models",
     UNASSIGNED_PARAMETER: "assign it in the axiom's block or on every path to this place; a block"
     " reaches only the solid behind it, and brackets make several one: `{n = 2} ( ... | ... )`",

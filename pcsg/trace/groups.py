@@ -160,7 +160,7 @@ class _Gatherer:
         self, item: Combine, operands: list[tuple[Reference, ...]]
     ) -> tuple[Reference, ...]:
         if item.operator is UNION:
-            return tuple(r for operand in operands for r in operand)
+            return _without_copies([r for operand in operands for r in operand])
         first, rest = operands[0], operands[1:]
         if item.operator.table & 0b0100:  # a difference: what is empty takes nothing away
             rest = [r for r in rest if r]
@@ -195,6 +195,15 @@ class _Gatherer:
             self.known[key] = len(self.found.groups)
             self.found.groups.append(refs)
         return self.known[key]
+
+
+def _without_copies(refs: list[Reference]) -> tuple[Reference, ...]:
+    """Return a union without what stands in the same place once more: it adds nothing.
+
+    A loop whose body does not look at its parameter is a single copy then, and not a billion that
+    every ray enters.
+    """
+    return tuple({(r.kind, r.target, r.group_from_target): r for r in refs}.values())
 
 
 def _moved(m: Affine, r: Reference) -> Reference:

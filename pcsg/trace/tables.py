@@ -34,6 +34,10 @@ SELECTION, CALCULATION, CONSTANT_MATRIX, MATRIX, OPERATION, LEAF = range(6)
 MAX_LEAF_ARGS = 4
 
 
+MOST_VISITS = 10_000_000
+"""Selections that one ray may look at: some seconds."""
+
+
 class Tables(NamedTuple):
     """The arrays of a packed graph; N nodes in the graph's order.
 
@@ -80,6 +84,8 @@ class Tables(NamedTuple):
         First slot of the attributes, and of world_from_local (-1 if nobody asks for it).
     stack_size : int
         Height that the code's stack needs.
+    visit_limit : int
+        Most selections that one ray may look at.
     depth_limit : int
         Most selections on a path.
     """
@@ -108,6 +114,7 @@ class Tables(NamedTuple):
     attribute_slot: int
     frame_slot: int
     stack_size: int
+    visit_limit: int
     depth_limit: int
 
     @property
@@ -321,6 +328,7 @@ def pack(
         attribute_slot=slots[ATTRIBUTE_SLOTS[0]],
         frame_slot=packer.program.frame_slot,
         stack_size=max(packer.program.stack_size, 16),
+        visit_limit=MOST_VISITS,
         depth_limit=depth_limit,
     )
     return tables, packer.program

@@ -60,6 +60,7 @@ from pcsg.trace.walk_space import (
     SINGULAR,
     STATE,
     TOO_DEEP,
+    TOO_LONG,
     Scratch,
     args_are_legal,
     chain_map,
@@ -149,6 +150,7 @@ def walk(
     event_top = 0
     flip = 0
     depth = 0
+    visits = 0
     frame_top = 0
     lists = way != SHRINK
 
@@ -172,6 +174,10 @@ def walk(
                 if depth > tables.depth_limit:
                     note_fault(fault, node, -1, chain)
                     return TOO_DEEP, 0
+                visits += 1
+                if visits > tables.visit_limit:
+                    note_fault(fault, node, -1, chain)
+                    return TOO_LONG, 0
                 if (
                     max(abs(origin.x), abs(origin.y), abs(origin.z)) > SHRUNK_ORIGIN
                     or max(abs(ray.dx), abs(ray.dy), abs(ray.dz)) > SHRUNK_DIRECTION

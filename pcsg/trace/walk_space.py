@@ -25,8 +25,8 @@ from pcsg.vec import (
 
 # How a walk ends. The first two are the tape's; those from FRAMES_FULL on ask for larger arrays.
 OK, NOT_FINITE, UNASSIGNED = 0, 1, 2
-SELECTION_RANGE, SINGULAR, BAD_ARGUMENT, TOO_DEEP = 3, 4, 5, 6
-FRAMES_FULL, CHAIN_FULL, EVENTS_FULL, RECORDS_FULL, CROSSINGS_FULL = 7, 8, 9, 10, 11
+SELECTION_RANGE, SINGULAR, BAD_ARGUMENT, TOO_DEEP, TOO_LONG = 3, 4, 5, 6, 7
+FRAMES_FULL, CHAIN_FULL, EVENTS_FULL, RECORDS_FULL, CROSSINGS_FULL = 8, 9, 10, 11, 12
 
 SHRUNK_ORIGIN, SHRUNK_DIRECTION = 2.0**52, 1e150
 """Sizes of a ray's origin and direction at which a frame has shrunk to nothing."""

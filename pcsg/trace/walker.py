@@ -123,6 +123,7 @@ _FAULTS = {
     ended.SINGULAR: faults.SINGULAR_MATRIX,
     ended.BAD_ARGUMENT: faults.BAD_ARGUMENT,
     ended.TOO_DEEP: faults.DEPTH_LIMIT,
+    ended.TOO_LONG: faults.LONG_RAY,
 }
 
 
@@ -420,6 +421,8 @@ class Walker:
             return f"`{expr.name}`" if isinstance(expr, Parameter) else ""
         if status == ended.TOO_DEEP:
             return f"{self.tables.depth_limit} selections on one path"
+        if status == ended.TOO_LONG:
+            return f"more than {self.tables.visit_limit:,} modules lie along it"
         return ""
 
 

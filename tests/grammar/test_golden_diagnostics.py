@@ -109,6 +109,7 @@ def test_faults_of_the_walk_are_in_the_catalogue() -> None:
         faults.SINGULAR_MATRIX,
         faults.BAD_ARGUMENT,
         faults.DEPTH_LIMIT,
+        faults.LONG_RAY,
         faults.MEMORY_BUDGET,
         faults.TOO_MANY_MODELS,
     }

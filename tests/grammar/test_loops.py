@@ -125,3 +125,24 @@ def test_mistakes_in_loops_are_told_where_they_are(text: str) -> None:
     with pytest.raises(GrammarError) as told:
         pcsg.loads(text)
     assert MISTAKES[text] in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("loop", "body"),
+    [
+        ("for(i, 0, 1e9)", "box"),
+        ("for(i, 0, 1e9) label(3)", "(box | move(4,0,0) (box \\ sphere))"),
+        ("repeat(1e3, rotz(0))", "box"),
+    ],
+)
+def test_copies_in_the_same_place_are_one(loop: str, body: str) -> None:
+    """A billion of them would be entered by every ray."""
+    rng = np.random.default_rng(1)
+    origins = rng.normal(size=(200, 3)) * 6
+    aims = rng.uniform(-1.2, 1.2, (200, 3)) - origins
+    many, one = (pcsg.loads(text) for text in (f"{{}} {loop} {body}", f"{{}} label(3) {body}"))
+    hits, expected = (scene.intersect(origins, aims) for scene in (many, one))
+    np.testing.assert_array_equal(hits.t, expected.t)
+    np.testing.assert_array_equal(hits.normal, expected.normal)
+    assert np.isfinite(hits.t).any()
+    np.testing.assert_array_equal(many.contains(origins / 5), one.contains(origins / 5))

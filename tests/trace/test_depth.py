@@ -118,3 +118,15 @@ def test_states_that_contain_themselves_are_told_unless_they_shrink(
         assert "A:2 (2000001 times)" in str(found[0].notes)
         with pytest.raises(GrammarError, match="more than 2000000 modules"):
             pcsg.loads(text)
+
+
+def test_a_ray_that_looks_at_too_many_modules_is_told() -> None:
+    """Instead of minutes in which nothing is heard, and no interrupt either."""
+    walker = pcsg.loads("for(i, 0, 999) move(3*i, 0, 0) box", engine="cyclic").tracer
+    assert isinstance(walker, Walker)
+    along = [-9.0, 0.0, 0.0], [1.0, 0.0, 0.0]
+    assert walker.intersect(*along).t[0] == 8.0
+    walker.tables = walker.tables._replace(visit_limit=500)
+    with pytest.raises(EvaluationFault, match=r"long-ray.*more than 500 modules"):
+        walker.spans(*along)
+    assert walker.occluded([-9.0, 4.0, 0.0], [1.0, 0.0, 0.0]).tolist() == [False]
