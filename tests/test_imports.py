@@ -48,7 +48,7 @@ FLOORS: list[set[str]] = [
     {"scene"},
     {"light"},
     {"lidar"},
-    {"cli", "commands", "view", "__main__"},
+    {"cli", "commands", "editors", "view", "__main__"},
 ]
 # The lowest floor and the highest are one thing each.
 NEIGHBOURS = [FLOORS[0], FLOORS[-1]]
@@ -84,7 +84,14 @@ def may_import(user: str, used: str) -> bool:
         return True
     if any({user, used} <= floor for floor in NEIGHBOURS):
         return True
-    if used in ASKED_FOR and user not in {"scene", "cli", "commands", "view", "__main__"}:
+    if used in ASKED_FOR and user not in {
+        "scene",
+        "cli",
+        "commands",
+        "editors",
+        "view",
+        "__main__",
+    }:
         return False
     return FLOOR_OF[used] < FLOOR_OF[user]
 

@@ -1,0 +1,1 @@
+"""For editors: words by kind, highlighting, and the language server."""
