@@ -128,7 +128,8 @@ def measure_joints(skel: Skeleton, limbs: Limbs, factor: Floats | None = None) -
     length = limbs.lengths[:, None]
     both = np.where(is_joint, np.minimum(reach.reshape(-1, 2), share * length), 0.0)
     total = both.sum(axis=1, keepdims=True)
-    both *= np.minimum(1.0, 0.9 * length / np.maximum(total, 1e-300))
+    most = 0.9 * length
+    both *= np.divide(most, total, out=np.ones_like(total), where=total > most)
     return JointEnds(direction, both.ravel(), crotch)
 
 

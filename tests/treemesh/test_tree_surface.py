@@ -215,3 +215,10 @@ def test_options_are_checked(options: dict[str, Any], message: str) -> None:
     skel = Skeleton.make([[0, 0, 0], [0, 0, 4]], [0.2, 0.2], [[0, 1]])
     with pytest.raises(UsageError, match=message):
         tree_surface(skel, **options)
+
+
+def test_a_limb_may_end_far_away_in_a_joint_that_swallows_it() -> None:
+    places = [[0, 0, 0], [0, 0, 2], [0.5, 0, 4], [1.8, 0, 3.2], [2.7, 1e9, 4]]
+    radii = [0.5, 0.45, 0.4, 1.51e8, 0.1]
+    mesh = tree_surface(Skeleton.make(places, radii, [[0, 1], [1, 2], [1, 3], [3, 4]]))
+    assert np.isfinite(mesh.verts).all()
