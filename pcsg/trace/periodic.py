@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,6 +86,70 @@ class _Segments(NamedTuple):
     shift: Floats
 
 
+@dataclass
+class _Axis:
+    """Where rays are along x or y.
+
+    Attributes
+    ----------
+    origin, direction, index, step : float64 (N,)
+        Components of the rays, the cell that each is in, and how that changes: whole numbers.
+    ahead : float64 (N,)
+        Which border of its cell a ray comes to: 1 for the upper one.
+    corner, side : float
+        Of the cell.
+    """
+
+    origin: Floats
+    direction: Floats
+    index: Floats
+    step: Floats
+    ahead: Floats
+    corner: float
+    side: float
+
+    def border(self) -> Floats:
+        """Return where rays leave their cells."""
+        t = (self.corner + (self.index + self.ahead) * self.side - self.origin) / self.direction
+        t[self.step == 0.0] = math.inf
+        return t
+
+    def is_beside(
+        self, shift: Floats, begin: Floats, end: Floats, low: float, high: float
+    ) -> NDArray[np.bool_]:
+        """Return which parts of rays pass beside a copy between low and high.
+
+        Where a ray has no end that is no number, and it does not.
+        """
+        a = self.origin + begin * self.direction - shift
+        b = self.origin + end * self.direction - shift
+        slack = 1e-9 * (self.side + abs(low) + abs(high))
+        lower, upper = low - slack, high + slack
+        return ((a < lower) & (b < lower)) | ((a > upper) & (b > upper))
+
+    def take(self, which: Integers) -> _Axis:
+        """Return some of the rays."""
+        return _Axis(
+            self.origin[which],
+            self.direction[which],
+            self.index[which],
+            self.step[which],
+            self.ahead[which],
+            self.corner,
+            self.side,
+        )
+
+
+def _begin_axis(
+    rays: Rays, which: Integers, t: Floats, k: int, corner: float, side: float
+) -> _Axis:
+    """Return where rays begin along an axis."""
+    o, d = rays.origins[which, k], rays.directions[which, k]
+    index = np.floor((o + t * d - corner) / side)
+    step = np.sign(d)
+    return _Axis(o, d, index, step, np.where(step > 0.0, 1.0, 0.0), corner, side)
+
+
 class PeriodicScene:
     """Answers periodic rays.
 
@@ -110,11 +175,9 @@ class PeriodicScene:
             last = np.ceil((cell.corner + sides - self._low) / sides).astype(np.int64) - 1
         if ((last - first) > 100).any():
             raise UsageError("the scene is more than a hundred cells of `periodic` wide")
-        self._offsets = [
-            np.array([i, j])
-            for i in range(int(first[0]), int(last[0]) + 1)
-            for j in range(int(first[1]), int(last[1]) + 1)
-        ]
+        self._offsets = tuple(
+            np.arange(int(first[k]), int(last[k]) + 1, dtype=np.float64) for k in (0, 1)
+        )
 
     def _walk(self, rays: Rays, best: Floats, done: NDArray[np.bool_]) -> Iterator[_Segments]:
         """Yield parts of rays in their order; who traces them keeps `best` and `done`."""
@@ -124,30 +187,28 @@ class PeriodicScene:
             t_min, t_max = self._clip(rays, n)
             if (t_min == -math.inf).any():
                 raise UsageError("a periodic ray begins somewhere: its t_min is finite")
-            o, d = rays.origins[:, :2], rays.directions[:, :2]
-            start = np.where(t_min <= t_max, t_min, 0.0)
-            index = np.floor((o + start[:, None] * d - cell.corner) / sides).astype(np.int64)
-            step = np.sign(d).astype(np.int64)
-            ahead = (step > 0).astype(np.int64)
             going = np.flatnonzero(t_min <= t_max)
-            now = t_min.copy()
+            now, last = t_min[going], t_max[going]
+            axes = [
+                _begin_axis(rays, going, now, k, float(cell.corner[k]), float(sides[k]))
+                for k in (0, 1)
+            ]
             for _ in range(2 * MOST_CELLS):
                 if not len(going):
                     return
-                i = index[going]
-                border = (cell.corner + (i + ahead[going]) * sides - o[going]) / d[going]
-                border[step[going] == 0] = math.inf
-                end = np.minimum(border.min(axis=1), t_max[going])
-                part = self._meet(rays, going, i, now[going], end, best)
+                x, y = (axis.border() for axis in axes)
+                border = np.minimum(x, y)
+                end = np.minimum(border, last)
+                part = self._meet(axes, going, now, np.minimum(end, best[going]))
                 if len(part.ray):
                     yield part
                 # What is found in a cell cannot be beaten farther on.
-                left = (border.min(axis=1) < t_max[going]) & ~done[going]
-                left &= best[going] > end
-                axis = border.argmin(axis=1)
-                index[going, axis] += step[going, axis]
-                now[going] = np.maximum(now[going], end)
-                going = going[left]
+                left = np.flatnonzero((border < last) & ~done[going] & (best[going] > end))
+                axes[0].index += np.where(x <= y, axes[0].step, 0.0)
+                axes[1].index += np.where(x <= y, 0.0, axes[1].step)
+                now = np.maximum(now, end)[left]
+                going, last = going[left], last[left]
+                axes = [axis.take(left) for axis in axes]
 
     def _clip(self, rays: Rays, n: int) -> tuple[Floats, Floats]:
         """Return where rays pass the heights between which there is anything."""
@@ -163,27 +224,27 @@ class PeriodicScene:
         t_max = np.minimum(np.broadcast_to(rays.t_max, (n,)), last)
         return t_min, t_max
 
-    def _meet(
-        self, rays: Rays, ray: Integers, index: Integers, begin: Floats, end: Floats, best: Floats
-    ) -> _Segments:
+    def _meet(self, axes: list[_Axis], ray: Integers, begin: Floats, end: Floats) -> _Segments:
         """Return the parts of rays in the copies that reach into their cells."""
-        sides = self._cell.sides
-        end = np.minimum(end, best[ray])
-        if len(self._offsets) == 1:
-            return _Segments(ray, begin, end, (index + self._offsets[0]) * sides)
-        # The rectangle about a part of a ray, and whether it meets that of a copy. Where a ray has
-        # no end that is no number, and it may.
-        o, d = rays.origins[ray, :2], rays.directions[ray, :2]
-        a, b = o + begin[:, None] * d, o + end[:, None] * d
-        low, high = np.minimum(a, b) - self._high, np.maximum(a, b) - self._low
-        slack = 1e-9 * (np.abs(a).max(initial=0.0, where=np.isfinite(a)) + sides.max())
+        x, y = (
+            [(axis.index + offset) * axis.side for offset in offsets]
+            for axis, offsets in zip(axes, self._offsets, strict=True)
+        )
+        if len(x) == len(y) == 1:
+            return _Segments(ray, begin, end, np.stack([x[0], y[0]], axis=-1))
+        # The rectangle about a part of a ray, and whether it meets that of a copy.
+        beside = [
+            [axis.is_beside(shift, begin, end, low, high) for shift in shifts]
+            for axis, shifts, low, high in zip(
+                axes, (x, y), self._low.tolist(), self._high.tolist(), strict=True
+            )
+        ]
         rows, shifts = [], []
-        for offset in self._offsets:
-            shift = (index + offset) * sides
-            beside = ((low > shift + slack) | (high < shift - slack)).any(axis=1)
-            which = np.flatnonzero(~beside)
-            rows.append(which)
-            shifts.append(shift[which])
+        for i, of_x in enumerate(beside[0]):
+            for j, of_y in enumerate(beside[1]):
+                which = np.flatnonzero(~(of_x | of_y))
+                rows.append(which)
+                shifts.append(np.stack([x[i][which], y[j][which]], axis=-1))
         which = np.concatenate(rows)
         return _Segments(ray[which], begin[which], end[which], np.concatenate(shifts))
 
