@@ -15,7 +15,7 @@ from itertools import pairwise
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic
 from pcsg.grammar.fields import FIELD_BLENDS, FIELD_UNARY
-from pcsg.grammar.tokens import LOOPS, WORD_TYPES, Token
+from pcsg.grammar.tokens import LOOPS, TEXTUAL, WORD_TYPES, Token
 from pcsg.graph.functions import FUNCTIONS
 from pcsg.graph.settings import SETTINGS
 
@@ -94,6 +94,10 @@ def mark_words(tokens: Sequence[Token]) -> None:
         after = tokens[behind] if behind < len(tokens) else None
         if token.text in LOOPS and following in _ARGUMENTS and token.text not in own:
             token.type = LOOPS[token.text]
+        elif token.type == "NAME" and token.text in TEXTUAL and following == "LPAREN":
+            # Nobody's module takes a text: the name stays free for all others.
+            inner = tokens[i + 2].type if i + 2 < len(tokens) else ""
+            token.type = "PRIMITIVE" if inner == "STRING" else token.type
         elif token.type == "PRIMITIVE" and token.text == "blob" and following == "LBRACE":
             token.type = "BLOB"
             _mark_braces(tokens, i + 1, partner)

@@ -211,6 +211,9 @@ Reading them takes up to ten seconds, and less than a gigabyte."""
 LOOPS = {"for": "FOR", "repeat": "REPEAT", "scatter": "SCATTER"}
 """Names that stand for a loop where a solid may, before `(`, and their types there."""
 
+TEXTUAL = frozenset(name for name, leaf in LEAF_NAMES.items() if leaf.soft and leaf.constants)
+"""Primitives whose names are free for others, and which are known by a text behind `(`."""
+
 WORD_TYPES = frozenset({"NAME", *LOOPS.values(), *(kind for kind, _ in words().values())})
 """Types that a word can have."""
 

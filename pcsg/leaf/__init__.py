@@ -6,7 +6,7 @@ from pcsg.leaf import polyhedra, quadrics, sheets, solids, superellipsoid, torus
 from pcsg.leaf import mesh
 
 # isort: split
-from pcsg.leaf import blob
+from pcsg.leaf import blob, heightfield
 from pcsg.leaf.registry import LEAF_NAMES, LEAVES, Box, Solid, leaf
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "Box",
     "Solid",
     "blob",
+    "heightfield",
     "leaf",
     "mesh",
     "polyhedra",

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.errors import UsageError
+from pcsg.leaf.mesh import MeshModel
 from pcsg.leaf.polyhedra import CORNERS
 from pcsg.leaf.registry import Constant, Solid
 
@@ -64,7 +65,7 @@ def faces_of(solid: type[Solid], constants: Sequence[Constant], args: tuple[floa
     UsageError
         It has no surface whose area is known: a half-space, or a blob.
     """
-    if solid.name == "mesh":
+    if constants and isinstance(constants[0], MeshModel):
         return _faces_of_mesh(constants[0])
     return _faces(solid.name, args)
 
@@ -157,7 +158,7 @@ def draw_points(
         It is not known how.
     """
     name = solid.name
-    if name == "mesh":
+    if constants and isinstance(constants[0], MeshModel):
         return _draw_triangles(_corners_of(constants[0]), u)
     if name == "tetrahedron":
         c = np.array(CORNERS)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import math
 
-from pcsg.leaf import LEAVES, Box, Solid
+from pcsg.leaf import LEAF_NAMES, LEAVES, Box, Solid
 
 HEAD = """# Primitives
 
@@ -68,7 +68,9 @@ def section(solid: type[Solid]) -> str:
 
 def reference_page() -> str:
     """Return the whole page as Markdown."""
-    return "\n".join([HEAD, *(section(solid) for solid in LEAVES.values())])
+    words = [s for s in LEAF_NAMES.values() if s.__module__.startswith("pcsg.leaf.")]
+    solids = dict.fromkeys([*LEAVES.values(), *words])
+    return "\n".join([HEAD, *map(section, solids)])
 
 
 if __name__ == "__main__":

@@ -414,8 +414,23 @@ LEAF_NAMES: dict[str, type[Solid]] = {}
 L = TypeVar("L", bound=type[Solid])
 
 
+MOST_PARAMETERS = 8
+"""Most numbers of a primitive: boxes look at all combinations of their least and largest values."""
+
+
 def leaf(cls: L) -> L:
-    """Register a primitive under the name of its class in lower case."""
+    """Register a primitive under the name of its class in lower case.
+
+    Raises
+    ------
+    TypeError
+        It has too many parameters.
+    """
+    if len(cls.parameters) > MOST_PARAMETERS:
+        count = len(cls.parameters)
+        raise TypeError(
+            f"{cls.__name__} has {count} parameters: a primitive has at most {MOST_PARAMETERS}"
+        )
     cls.name = cls.__name__.lower()
     cls.kind = len(LEAVES)
     LEAVES[cls.name] = cls

@@ -31,7 +31,8 @@ from pcsg.vec import IDENTITY, Affine, invert
 # Kinds of packed nodes. Attributes are calculations; constant matrices are inverted beforehand.
 SELECTION, CALCULATION, CONSTANT_MATRIX, MATRIX, OPERATION, LEAF = range(6)
 
-MAX_LEAF_ARGS = 4
+MAX_LEAF_ARGS = max(MODEL_ARGS, *(len(solid.parameters) for solid in LEAVES.values()))
+"""Most kernel arguments of a leaf."""
 
 
 MOST_VISITS = 10_000_000

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from pcsg.leaf.reference import reference_page
-from pcsg.leaf.registry import LEAF_NAMES, LEAVES
+from pcsg.leaf.registry import LEAF_NAMES, LEAVES, LeafParameter, Solid, leaf
 
 SPECIFIED = {
     "sphere": 0,
@@ -27,6 +29,7 @@ SPECIFIED = {
     "infcylinder": 0,
     "infcone": 1,
     "superellipsoid": 2,
+    "heightfield": 0,
 }
 
 
@@ -57,3 +60,36 @@ def test_every_leaf_says_what_it_is(name: str) -> None:
 def test_the_reference_page_is_up_to_date() -> None:
     page = Path(__file__).parents[2] / "docs" / "primitives.md"
     assert page.read_text(encoding="utf-8") == reference_page()
+
+
+def test_a_primitive_of_too_many_parameters_is_refused() -> None:
+    class Wide(Solid):
+        parameters = tuple(LeafParameter(f"p{k}") for k in range(9))
+
+    with pytest.raises(TypeError, match="9 parameters: a primitive has at most 8"):
+        leaf(Wide)
+    assert "wide" not in LEAVES
+
+
+SIX_NUMBERS = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from pcsg.leaf.registry import LeafParameter, Solid, leaf
+from pcsg.leaf import polyhedra
+
+@leaf
+class Brick(Solid):
+    '''A box of six numbers: the lower corner and the upper one.'''
+
+    parameters = tuple(LeafParameter(f"p{k}") for k in range(6))
+    apart = True
+
+from pcsg.trace.tables import MAX_LEAF_ARGS
+from pcsg.trace.walk_space import ARGUMENTS_AT, RECORD
+assert MAX_LEAF_ARGS == RECORD - ARGUMENTS_AT == 6
+"""
+
+
+def test_engines_make_room_for_the_primitive_of_most_numbers() -> None:
+    command = [sys.executable, "-c", SIX_NUMBERS, str(Path(__file__).parents[2])]
+    subprocess.run(command, check=True, timeout=120)
