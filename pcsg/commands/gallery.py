@@ -67,6 +67,7 @@ PICTURES = (
     Picture("zoom", "Near the corner of a Sierpinski tetrahedron of order 40"),
     Picture("meadow", "A meadow"),
     Picture("sunflower", "Ten thousand tiles in the order of a sunflower"),
+    Picture("limbs", "Patterns that follow limbs"),
     Picture("hamlet", "A hamlet at dusk, in fog", 32),
     Picture("mushrooms", "Mushrooms that glow", 144),
     Picture("dew", "Dew on blades of grass", 64),

@@ -93,6 +93,12 @@ def _check_together(setting: Setting, values: Mapping[str, Any]) -> list[Diagnos
             problems.append(tell(fault.key, fault.message, fault.expected))
     if kind == "spot" and values["position"] == values["target"]:
         problems.append(tell("target", "`position` and `target` of a `spot` are the same point"))
+    if kind == "texture":
+        if values["along"] not in ("space", "uv") and values["kind"] != "gradient":
+            message = f"a texture of kind `{values['kind']}` does not follow `{values['along']}`"
+            problems.append(tell("along", message, "`space`, `uv`, or `kind = gradient`"))
+        if values["palette"] is not None and values["kind"] in ("image", "normals"):
+            problems.append(tell("palette", "a picture has colours of its own", "a pattern"))
     file = setting.values.get("file")
     if isinstance(file, FileName) and not file.path.is_file():
         problems.append(tell("file", f"there is no file `{file}`"))

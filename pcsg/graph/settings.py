@@ -340,6 +340,8 @@ SETTINGS = {
                         "waves",
                         "image",
                         "normals",
+                        "gradient",
+                        "cells",
                     ),
                 ),
                 "color": Key(_C, (0.75, 0.7, 0.62), "first colour", **_COLORS),
@@ -352,6 +354,18 @@ SETTINGS = {
                     high=FAR,
                 ),
                 "file": Key(ValueKind.FILE, None, "picture of the kinds image and normals"),
+                "palette": Key(
+                    ValueKind.NAME, None, "colours in place of the two", refers_to="palette"
+                ),
+                "along": Key(
+                    ValueKind.WORD,
+                    "space",
+                    "what a pattern follows; a gradient also an axis or a coordinate",
+                    words=("space", "uv", "x", "y", "z", "u", "v"),
+                ),
+                "turbulence": Key(
+                    _N, 0.0, "how far a pattern is stirred, in periods", low=0.0, high=1e3
+                ),
             },
             named=True,
             several=True,

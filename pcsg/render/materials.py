@@ -237,6 +237,7 @@ class Materials:
                     override[rows[given]],
                     found[given],
                     inside[rows[given]],
+                    hits.uv[at[rows[given]]],
                     size[rows[given]],
                 )
             color[rows] = found
@@ -253,7 +254,7 @@ class Materials:
     def _colors(self, hits: Hits, at: Ints, number: Ints, inside: Floats, size: Floats) -> Floats:
         """Return textures' colours; where parts of a leaf blend, so do their pictures."""
         found = self._textures.colors(number, inside, hits.uv[at], size)
-        pictures = np.flatnonzero(self._textures.is_picture(number))
+        pictures = np.flatnonzero(self._textures.is_on_surface(number))
         if len(pictures):
             others = hits.other_uv[at[pictures]]
             strongest = found[pictures]
@@ -266,22 +267,28 @@ class Materials:
         return found
 
     def _tinted(
-        self, number: Ints, override: Floats, found: Floats, inside: Floats, size: Floats
+        self,
+        number: Ints,
+        override: Floats,
+        found: Floats,
+        inside: Floats,
+        uv: Floats,
+        size: Floats,
     ) -> Floats:
         """Return textures' colours under a colour of the grammar.
 
-        It takes the place of a pattern's first colour, and tints a picture.
+        It takes the place of a pattern's first colour, and tints a picture or a palette.
         """
-        amount = self._textures.amounts(number, inside, size)[:, None]
+        amount = self._textures.amounts(number, inside, uv, size)[:, None]
         pattern = override + amount * (self._textures.color2[number] - override)
-        picture = self._textures.is_picture(number)[:, None]
+        picture = self._textures.has_colors(number)[:, None]
         return np.where(picture, override * found, pattern)
 
     def _slopes(self, hits: Hits, at: Ints, relief: Ints, inside: Floats, tracer: Tracer) -> Floats:
         """Return (N, 3) vectors along which reliefs sink, with their steepness."""
         size = hits.texture_scale[at]
-        slope = self._textures.relief(relief, inside, size)
-        on_surface = self._textures.is_picture(relief)
+        slope = self._textures.relief(relief, inside, hits.uv[at], size)
+        on_surface = self._textures.is_on_surface(relief)
         for number in np.unique(relief[on_surface]):
             rows = np.flatnonzero(relief == number)
             along = self._textures.slopes(number, hits.uv[at[rows]], size[rows])

@@ -130,7 +130,7 @@ def build_stage(
     width, height = size
     bounds = np.asarray(scene.bounds, dtype=float)
     box = tame(bounds)
-    textures = Textures.of(scene.setting_values("texture"))
+    textures = Textures.of(scene.setting_values("texture"), scene.setting_values("palette"))
     materials = Materials(
         scene.setting_values("material"), scene.setting_numbers("texture"), textures, scene.sheets
     )

@@ -18,50 +18,22 @@ import numpy as np
 from pcsg.errors import UsageError
 from pcsg.graph.settings import SETTINGS
 from pcsg.jit import njit
+from pcsg.render.noise import fill_cells, fractal_noise, noise, stir
 from pcsg.render.pictures import Pixels, read_linear, read_values
 from pcsg.render.tracer import Bools, Floats, Ints
 
 KINDS = SETTINGS["texture"].keys["kind"].words
+GRADIENT, CELLS = KINDS.index("gradient"), KINDS.index("cells")
 
+ALONG = SETTINGS["texture"].keys["along"].words
+SPACE, UV = ALONG.index("space"), ALONG.index("uv")
 
-@njit
-def _gradient(ix: int, iy: int, iz: int, fx: float, fy: float, fz: float) -> float:
-    """Return the height at f of the slope that belongs to a lattice point (Perlin 2002)."""
-    h = (ix * 73856093) ^ (iy * 19349663) ^ (iz * 83492791)
-    h = (h ^ (h >> 13)) * 1274126177
-    h = (h ^ (h >> 16)) & 15
-    u = fx if h < 8 else fy
-    v = fy if h < 4 else (fx if h == 12 or h == 14 else fz)
-    return (u if h & 1 == 0 else -u) + (v if h & 2 == 0 else -v)
+_AXIS = {"space": 2, "x": 0, "y": 1, "z": 2, "u": 3, "v": 4, "uv": 4}
+"""Which of x, y, z, u, v a gradient follows."""
 
-
-@njit
-def noise(x: float, y: float, z: float) -> float:
-    """Return gradient noise in about [-1, 1] (Perlin 2002)."""
-    bx, by, bz = math.floor(x), math.floor(y), math.floor(z)
-    fx, fy, fz = x - bx, y - by, z - bz
-    ix, iy, iz = int(bx), int(by), int(bz)
-    u = fx * fx * fx * (fx * (fx * 6.0 - 15.0) + 10.0)
-    v = fy * fy * fy * (fy * (fy * 6.0 - 15.0) + 10.0)
-    w = fz * fz * fz * (fz * (fz * 6.0 - 15.0) + 10.0)
-    total = 0.0
-    for k in range(8):
-        i, j, m = k & 1, (k >> 1) & 1, k >> 2
-        weight = (u if i else 1.0 - u) * (v if j else 1.0 - v) * (w if m else 1.0 - w)
-        total += weight * _gradient(ix + i, iy + j, iz + m, fx - i, fy - j, fz - m)
-    return total
-
-
-@njit
-def fractal_noise(x: float, y: float, z: float, octaves: int) -> float:
-    """Return noise summed over octaves, each of half the size and height of the one before."""
-    total, height = 0.0, 0.5
-    for _ in range(octaves):
-        total += height * noise(x, y, z)
-        # Shifts keep the lattices of the octaves from meeting at the origin.
-        x, y, z = 2.03 * x + 17.17, 2.03 * y + 5.31, 2.03 * z + 11.73
-        height *= 0.5
-    return total
+_COORDINATES = np.array([_AXIS[word] for word in ALONG])
+_FLAT = ("checker", "waves")
+"""Patterns of flat coordinates; others go round a tube, so that they close."""
 
 
 _CRESTS = 24
@@ -133,6 +105,12 @@ class Textures:
         (K,) size of the pattern in world units, of a picture in (u, v).
     pictures
         By number: (H, W, 3) pixels of the kinds image, linear, and normals, as they are.
+    along
+        (K,) position in `ALONG`: what the pattern follows.
+    turbulence
+        (K,) how far the pattern is stirred, in periods.
+    palettes
+        By number: (S,) amounts and (S, 3) colours, in place of two colours.
     """
 
     kind: Ints
@@ -140,10 +118,15 @@ class Textures:
     color2: Floats
     scale: Floats
     pictures: Mapping[int, Pixels]
+    along: Ints
+    turbulence: Floats
+    palettes: Mapping[int, tuple[Floats, Floats]]
 
     @classmethod
-    def of(cls, several: Sequence[Mapping[str, Any]]) -> Textures:
-        """Return the textures of settings ``texture NAME {}``.
+    def of(
+        cls, several: Sequence[Mapping[str, Any]], palettes: Sequence[Mapping[str, Any]] = ()
+    ) -> Textures:
+        """Return the textures of settings ``texture NAME {}`` and ``palette NAME {}``.
 
         Raises
         ------
@@ -158,11 +141,25 @@ class Textures:
             np.array([v["color2"] for v in several], dtype=float).reshape(-1, 3),
             np.array([v["scale"] for v in several], dtype=float),
             {k: _read(v) for k, v in enumerate(several) if v["kind"] in ("image", "normals")},
+            np.array([ALONG.index(v["along"]) for v in several], dtype=np.int64),
+            np.array([v["turbulence"] for v in several], dtype=float),
+            _palettes(several, palettes),
         )
 
     def is_picture(self, which: Ints) -> Bools:
-        """Return (N,) which textures lie on surface coordinates."""
+        """Return (N,) which textures are pictures."""
         return np.asarray((self.kind[which] == IMAGE) | (self.kind[which] == NORMALS))
+
+    def is_on_surface(self, which: Ints) -> Bools:
+        """Return (N,) which textures lie on surface coordinates."""
+        return np.asarray(self.is_picture(which) | _ON_SURFACE[self.along[which]])
+
+    def has_colors(self, which: Ints) -> Bools:
+        """Return (N,) which textures have colours of their own, which others only tint."""
+        found = self.is_picture(which)
+        for number in self.palettes:
+            found |= which == number
+        return found
 
     def colors(self, which: Ints, position: Floats, uv: Floats, size: Floats) -> Floats:
         """Return (N, 3) colours at world positions (N, 3) with surface coordinates (N, 2).
@@ -174,9 +171,13 @@ class Textures:
         size
             (N,) scales from the grammar, on top of the textures' own.
         """
-        amount = self.amounts(which, position, size)[:, None]
+        amount = self.amounts(which, position, uv, size)
         first = self.color[which]
-        found = first + amount * (self.color2[which] - first)
+        found = first + amount[:, None] * (self.color2[which] - first)
+        for number, (stops, colors) in self.palettes.items():
+            rows = np.flatnonzero(which == number)
+            for k in range(3):
+                found[rows, k] = np.interp(amount[rows], stops, colors[:, k])
         for number in self.pictures:
             rows = np.flatnonzero((which == number) & (self.kind[which] == IMAGE))
             if len(rows):
@@ -198,19 +199,46 @@ class Textures:
         lower = (1 - s) * pixels[rows[1], columns[0]] + s * pixels[rows[1], columns[1]]
         return np.asarray((1 - t) * upper + t * lower)
 
-    def amounts(self, which: Ints, position: Floats, size: Floats) -> Floats:
-        """Return (N,) amounts of the second colour at world positions (N, 3)."""
-        points = position / (self.scale[which] * size)[:, None]
+    def amounts(self, which: Ints, position: Floats, uv: Floats, size: Floats) -> Floats:
+        """Return (N,) amounts of the second colour at world positions (N, 3), or on (u, v)."""
+        period = self.scale[which] * size
+        points = np.ascontiguousarray(position / period[:, None])
+        along, kind = self.along[which], self.kind[which]
+        rows = np.flatnonzero(along == UV)
+        if len(rows):
+            flat = np.isin(kind[rows], [KINDS.index(word) for word in _FLAT])
+            points[rows] = _on_surface(uv[rows], flat) / period[rows, None]
+        rows = np.flatnonzero((kind == GRADIENT) & (_COORDINATES[along] > 2))
+        if len(rows):
+            points[rows, 2] = uv[rows, _COORDINATES[along[rows]] - 3] / period[rows]
+        stirred = self.turbulence[which]
+        if stirred.any():
+            stir(points, stirred)
         values = np.empty(len(which))
-        evaluate(self.kind[which], np.ascontiguousarray(points), values)
+        rows = np.flatnonzero(kind < GRADIENT)
+        if len(rows) == len(which):
+            evaluate(kind, points, values)
+            return values
+        if len(rows):
+            some = np.empty(len(rows))
+            evaluate(kind[rows], points[rows], some)
+            values[rows] = some
+        rows = np.flatnonzero(kind == GRADIENT)
+        axis = np.minimum(_COORDINATES[along[rows]], 2)
+        values[rows] = np.clip(points[rows, axis], 0.0, 1.0)
+        rows = np.flatnonzero(kind == CELLS)
+        if len(rows):
+            some = np.empty(len(rows))
+            fill_cells(points[rows], some)
+            values[rows] = some
         return values
 
-    def relief(self, which: Ints, position: Floats, size: Floats) -> Floats:
+    def relief(self, which: Ints, position: Floats, uv: Floats, size: Floats) -> Floats:
         """Return (N, 3) gradients of the pattern, per period of the pattern."""
         step = 1e-3 * self.scale[which] * size
-        middle = self.amounts(which, position, size)
+        middle = self.amounts(which, position, uv, size)
         slopes = [
-            self.amounts(which, position + step[:, None] * axis, size) - middle
+            self.amounts(which, position + step[:, None] * axis, uv, size) - middle
             for axis in np.eye(3)
         ]
         return np.stack(slopes, axis=1) / 1e-3
@@ -224,6 +252,8 @@ class Textures:
         if self.kind[number] == NORMALS:
             tilt = 2.0 * self.look_up(number, uv, size) - 1.0
             return np.asarray(-tilt[:, :2] / np.maximum(tilt[:, 2:], 0.05))
+        if number not in self.pictures:
+            return self._pattern_slopes(number, uv, size)
         step = self.scale[number] * size / max(self.pictures[number].shape)
         found = []
         for axis in np.eye(2):
@@ -233,6 +263,41 @@ class Textures:
             found.append((ahead - behind) / (2.0 * step))
         # Lower is darker, while in patterns the second colour lies deeper.
         return np.stack(found, axis=1)
+
+    def _pattern_slopes(self, number: int, uv: Floats, size: Floats) -> Floats:
+        """Return (N, 2) slopes of a pattern that lies on the surface, as of a picture."""
+        which, nowhere = np.full(len(uv), number), np.zeros((len(uv), 3))
+        found = []
+        for axis in np.eye(2):
+            shift = 1e-3 * self.scale[number] * size[:, None] * axis
+            ahead, behind = (
+                self.amounts(which, nowhere, uv + way * shift, size) for way in (1.0, -1.0)
+            )
+            found.append((behind - ahead) / 2e-3)
+        return np.stack(found, axis=1)
+
+
+_ON_SURFACE = np.array([word in ("u", "v", "uv") for word in ALONG])
+
+
+def _on_surface(uv: Floats, flat: Bools) -> Floats:
+    """Return (N, 3) places of a pattern: on a tube that u goes round once, or on a plane."""
+    turn = 2.0 * math.pi * uv[:, 0]
+    radius = 1.0 / (2.0 * math.pi)
+    tube = np.stack([radius * np.cos(turn), radius * np.sin(turn), uv[:, 1]], axis=1)
+    plane = np.stack([uv[:, 0], uv[:, 1], np.zeros(len(uv))], axis=1)
+    return np.where(flat[:, None], plane, tube)
+
+
+def _palettes(
+    several: Sequence[Mapping[str, Any]], palettes: Sequence[Mapping[str, Any]]
+) -> dict[int, tuple[Floats, Floats]]:
+    """Return the stops of textures that have a palette, by number of the texture."""
+    stops = {values["name"]: np.reshape(values["stops"], (-1, 4)) for values in palettes}
+    found = {k: values["palette"] for k, values in enumerate(several)}
+    return {
+        k: (stops[name][:, 0], stops[name][:, 1:]) for k, name in found.items() if name is not None
+    }
 
 
 IMAGE, NORMALS = KINDS.index("image"), KINDS.index("normals")

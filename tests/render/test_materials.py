@@ -43,10 +43,12 @@ def test_patterns_are_between_their_colours_and_vary(kind):
     textures = Textures.of([{**TEXTURE, "kind": kind, "scale": 0.7}])
     points = np.random.default_rng(5).uniform(-4, 4, (500, 3))
     zero = np.zeros(500, dtype=np.int64)
-    amounts = textures.amounts(zero, points, np.ones(500))
+    amounts = textures.amounts(zero, points, np.zeros((500, 2)), np.ones(500))
     assert ((amounts >= 0) & (amounts <= 1)).all()
     assert np.std(amounts) > 0.05
-    np.testing.assert_allclose(textures.amounts(zero, 3 * points, np.full(500, 3.0)), amounts)
+    np.testing.assert_allclose(
+        textures.amounts(zero, 3 * points, np.zeros((500, 2)), np.full(500, 3.0)), amounts
+    )
 
 
 def test_bumps_bend_normals_but_not_the_geometry():
