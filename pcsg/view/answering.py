@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,8 @@ THROUGH = 1e-6
 """Way through a surface, relative to the distance from the eye, by which its sides are found."""
 
 
-def answer(prepared: Prepared, question: Question) -> dict[str, Any]:
-    """Return what a page shows of the point under a click.
+def answers(prepared: Prepared, question: Question) -> Iterator[dict[str, Any]]:
+    """Yield what a page shows of the point under a click: what is known at once, then all.
 
     Raises
     ------
@@ -36,7 +37,8 @@ def answer(prepared: Prepared, question: Question) -> dict[str, Any]:
     seen = stage.seen_by(stage.camera, height, 0.5)
     hits = seen.tracer.intersect(origins, directions, 0.0, np.inf)
     if not np.isfinite(hits.t[0]):
-        return {"type": "answer", "hit": False}
+        yield {"type": "answer", "hit": False}
+        return
     found: dict[str, Any] = {
         "type": "answer",
         "hit": True,
@@ -49,15 +51,17 @@ def answer(prepared: Prepared, question: Question) -> dict[str, Any]:
     }
     number = int(hits.leaf[0])
     if number == GROUND:
-        return found
+        yield found
+        return
     node = prepared.scene.graph.nodes[number]
     assert isinstance(node, Leaf)
     found["what"] = node.solid.name
     found |= _place(node)
+    yield {**found, "partial": True}
     point, normal = Vec3(*hits.position[0]), THROUGH * float(hits.t[0]) * hits.normal[0]
     derivation = find_derivation(
         prepared.scene.graph,
-        {name: prepared.scene.values[name] for name in prepared.scene.values},
+        prepared.scene.values,
         prepared.scene.boxes.boxes,
         number,
         point,
@@ -66,7 +70,7 @@ def answer(prepared: Prepared, question: Question) -> dict[str, Any]:
     if derivation is not None:
         found["derivation"] = format_path(derivation.path)
         found["values"] = dict(derivation.values)
-    return found
+    yield found
 
 
 def _place(node: Node) -> dict[str, Any]:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from pcsg.errors import PcsgError
+from pcsg.errors import EnvironmentFault, PcsgError
 from pcsg.memory import half_of_memory, show_bytes
 from pcsg.view.document import Document, Watch
 from pcsg.view.inbox import Message
@@ -58,6 +60,7 @@ class Session:
         self._patience = PATIENCE
         self._gone_since: float | None = None
         self._text: str | None = None
+        self._drafts: TemporaryDirectory[str] | None = None
         self._memory_limit = limits.max_memory or half_of_memory()
 
     # The window.
@@ -90,10 +93,11 @@ class Session:
         return self._gone_since is not None and time.monotonic() - self._gone_since > FORGOTTEN
 
     def end(self) -> None:
-        """End the process."""
-        if self._process is not None:
-            self._process.end()
-            self._process = None
+        """End the process, and forget drafts."""
+        self._end_process()
+        if self._drafts is not None:
+            self._drafts.cleanup()
+            self._drafts = None
 
     def hear(self, message: Mapping[str, Any]) -> None:
         """Do what the window says."""
@@ -108,7 +112,7 @@ class Session:
             elif word == "sheet":
                 self._send(Message("sheet", read_sheet(message)))
             elif word == "draft":
-                self._send(Message("draft", read_draft(message)))
+                self._show_draft(read_draft(message))
             elif word == "file":
                 self._send(Message("file"))
             elif word == "stop":
@@ -137,6 +141,19 @@ class Session:
         self._watch.changed()
         self._reload()
 
+    def _show_draft(self, text: str) -> None:
+        """Show a text that is not saved: of a species, which names no other files."""
+        if self._document.path.suffix.lower() != ".json":
+            return
+        if self._drafts is None:
+            self._drafts = TemporaryDirectory(prefix="pcsg-view-")
+        draft = Path(self._drafts.name) / self._document.path.name
+        try:
+            draft.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise EnvironmentFault(f"cannot keep the draft: {error.strerror or error}") from None
+        self._send(Message("draft", str(draft)))
+
     def _tell_text(self) -> None:
         name = self._document.path.name
         try:
@@ -159,6 +176,11 @@ class Session:
         if self._want is not None:
             self._send(Message("want", self._want))
 
+    def _end_process(self) -> None:
+        if self._process is not None:
+            self._process.end()
+            self._process = None
+
     def _send(self, message: Message) -> None:
         if self._process is None:
             return
@@ -180,7 +202,7 @@ class Session:
 
     def _give_up(self, why: str) -> None:
         """End the process and say why; what the window wants next starts another."""
-        self.end()
+        self._end_process()
         self._tell_trouble(why)
 
     def _tell_trouble(self, why: str) -> None:
@@ -226,7 +248,7 @@ class Session:
         if self._waiting_since is not None and self._is_ready:
             waited = time.monotonic() - self._waiting_since
         if waited > (PATIENCE_COMPILING if self._is_compiling else self._patience):
-            self.end()
+            self._end_process()
             self._begin()
 
     def _tell_text_if_other(self, before: str | None) -> None:

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from multiprocessing.connection import Connection
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from pcsg.render.options import Options
 from pcsg.render.progressive import UNKNOWN_PACE, Frame, Progressive
 from pcsg.trace.preparing import watched
 from pcsg.trace.rays import Stopped
-from pcsg.view.answering import answer
+from pcsg.view.answering import answers
 from pcsg.view.encoding import color_layer, encode, lay_over, sample_depth
 from pcsg.view.inbox import Inbox, Message
 from pcsg.view.opening import (
@@ -128,7 +127,6 @@ class Worker:
         self._is_stale = True
         self._opened_path = path
         self._draft: Path | None = None
-        self._drafts: TemporaryDirectory[str] | None = None
         self._opened: Opened | None = None
         self._prepared: Prepared | None = None
         self._progressive: Progressive | None = None
@@ -153,7 +151,8 @@ class Worker:
             if message.word == "reload":
                 self._is_stale, self._opened_path = True, self._path
             elif message.word == "draft":
-                self._take_draft(message.content)
+                self._opened_path = self._draft = Path(message.content)
+                self._is_stale = True
             elif message.word == "again":
                 self.rests, self._shown, self._refused = False, None, None
                 self._tell_scene(0.0)
@@ -167,21 +166,12 @@ class Worker:
                 self._file_is_due = True
                 self._send_file()
 
-    def _take_draft(self, text: str) -> None:
-        """Show a text that is not saved: of a species, which names no other files."""
-        if self._path.suffix.lower() != ".json":
-            return
-        if self._drafts is None:
-            self._drafts = TemporaryDirectory(prefix="pcsg-view-")
-        self._opened_path = self._draft = Path(self._drafts.name) / self._path.name
-        self._opened_path.write_text(text, encoding="utf-8")
-        self._is_stale = True
-
     def _answer(self, question: Question) -> None:
         if self._prepared is None:
             return
         try:
-            self._send(answer(self._prepared, question))
+            for found in answers(self._prepared, question):
+                self._send(found)
         except PcsgError as error:
             self._tell_errors(error)
 

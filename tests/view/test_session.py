@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -192,6 +193,22 @@ def test_a_removed_file_is_told_and_comes_back(window):
     window.file.write_text("box\n")
     window.tick()
     assert told(window)[0]["text"] == "box\n"
+
+
+def test_a_draft_of_a_species_is_kept_beside_and_goes_with_the_window(tmp_path):
+    async def make():
+        return Session(Document(tmp_path / "a.json"), Limits(), Made)
+
+    session = asyncio.run(make())
+    session.hear(WANT)
+    session.hear({"type": "draft", "text": "{}"})
+    process = session._process
+    path = Path(process.heard[-1].content)
+    assert process.words()[-1] == "draft"
+    assert path.name == "a.json"
+    assert path.read_text() == "{}"
+    session.end()
+    assert not path.exists()
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,8 @@ export class Answers {
     } else {
       if (answer.line) parts.push(this.line(answer));
       parts.push(this.list(this.facts(answer)));
-      this.before = answer.position;
+      // The same point is told again, once its derivation is found.
+      if (!answer.partial) this.before = answer.position;
     }
     this.element.replaceChildren(...parts);
   }
