@@ -101,7 +101,7 @@ class Viewer:
         sender = asyncio.create_task(session.outgoing.pass_on(socket))
         try:
             async for message in socket:
-                session.hear(_read(message))
+                session.hear(read_message(message))
         except ConnectionClosed:
             pass
         finally:
@@ -115,7 +115,7 @@ class Viewer:
     async def _greet(self, socket: ServerConnection) -> str | None:
         """Hear the first message; return the window's name, None for who has no business here."""
         try:
-            first = _read(await asyncio.wait_for(socket.recv(), SECONDS_FOR_TOKEN))
+            first = read_message(await asyncio.wait_for(socket.recv(), SECONDS_FOR_TOKEN))
         except (TimeoutError, ConnectionClosed):
             await socket.close(NOT_KNOWN, "no token")
             return None
@@ -167,7 +167,7 @@ def _respond(
     return Response(status.value, status.phrase, headers, body)
 
 
-def _read(message: str | bytes) -> dict[str, Any]:
+def read_message(message: str | bytes) -> dict[str, Any]:
     """Return a message of a page; what is none says nothing."""
     try:
         found = json.loads(message)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made import Made
 
 from pcsg.errors import EnvironmentFault
 from pcsg.view import session as module
@@ -16,22 +17,6 @@ from pcsg.view.session import Session
 from pcsg.view.worker import Picture
 
 WANT = {"type": "want", "size": [32, 24]}
-
-
-class Made:
-    """A process that only listens."""
-
-    def __init__(self, path, limits, receive):
-        self.receive, self.heard, self.ended, self.memory = receive, [], False, 0
-
-    def send(self, message):
-        self.heard.append(message)
-
-    def words(self):
-        return [message.word for message in self.heard]
-
-    def end(self):
-        self.ended = True
 
 
 @pytest.fixture

@@ -1,25 +1,12 @@
 import numpy as np
 import pytest
+from made import Made
 
 from pcsg.view import standby as module
 from pcsg.view.opening import Limits
 from pcsg.view.process import Ended
 from pcsg.view.standby import Standby
 from pcsg.view.worker import Picture
-
-
-class Made:
-    def __init__(self, path, limits, receive):
-        self.receive, self.heard, self.ended, self.memory = receive, [], False, 0
-
-    def send(self, message):
-        self.heard.append(message.word)
-
-    def redirect(self, receive):
-        self.receive = receive
-
-    def end(self):
-        self.ended = True
 
 
 @pytest.fixture
@@ -55,12 +42,12 @@ def take(waiting):
 
 def test_the_first_window_gets_the_process_that_has_the_scene(waiting):
     first = waiting.made[0]
-    assert first.heard == ["want"]
+    assert first.words() == ["want"]
     first.receive({"type": "ready"})
     first.receive(done())
     process, heard = take(waiting)
     assert process is first
-    assert first.heard == ["want", "again"]
+    assert first.words() == ["want", "again"]
     first.receive("something")
     assert heard == ["something"]
 
@@ -70,7 +57,7 @@ def test_one_that_is_not_ready_is_not_waited_for(waiting):
     process, _ = take(waiting)
     assert waiting.made[0].ended
     assert process is waiting.made[1]
-    assert process.heard == []
+    assert process.words() == []
 
 
 def test_the_next_one_reads_no_grammar_and_is_told_what_has_changed(waiting, clock):
@@ -81,11 +68,11 @@ def test_the_next_one_reads_no_grammar_and_is_told_what_has_changed(waiting, clo
     clock[0] += 3.0
     waiting.tick()
     second = waiting.made[1]
-    assert second.heard == []
+    assert second.words() == []
     second.receive({"type": "ready"})
     waiting.path.write_text("a box, now\n")
     assert take(waiting)[0] is second
-    assert second.heard == ["reload", "again"]
+    assert second.words() == ["reload", "again"]
 
 
 def test_one_that_has_ended_is_replaced(waiting, clock):
