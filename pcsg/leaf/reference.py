@@ -16,6 +16,26 @@ Written from the registry of leaves (`pcsg/leaf/`); do not edit.
 
 Every primitive stands in its own frame; transformations give it size and place. Solids are closed
 sets. A sheet has a surface but no volume. A bad argument is a fault that names the grammar's line.
+
+![A temple of superellipsoids and cylinders, with a drilled block in it](pictures/temple.png)
+
+```pcsg
+{} ( for(i, 0, 7) rotz(45*i) move(2.6, 0, 0) COLUMN
+   | color("wheat") (FLOOR | RING) | color("#4f7d6b") move(0,0,3.5) DOME
+   | color("gold") move(0,0,5.2) uscale(0.16) capsule(0.3)
+   | move(0,0,0.9) color("#b3472e") uscale(0.9) (superellipsoid(0.25, 0.25) \\ BORES)
+   | move(0,0,0.9) color("#2f5d8a") uscale(0.5) superellipsoid(2, 2) )
+FLOOR = move(0,0,-0.15) scale(3.4, 3.4, 0.15) superellipsoid(0.9, 0.2)
+DOME = scale(3, 3, 1.6) superellipsoid(1, 1.4) \\ halfspace
+RING = move(0,0,3.35) (scale(3.2, 3.2, 0.25) superellipsoid(1, 0.3) \\ uscale(2) infcylinder)
+BORE = uscale(0.62) infcylinder
+BORES = (BORE | rotx(90) BORE | roty(90) BORE)
+COLUMN = color("ivory") (move(0,0,0.3) scale(0.28, 0.28, 2.5) cylinder | FOOT | move(0,0,2.75) FOOT)
+FOOT = move(0,0,0.2) scale(0.4, 0.4, 0.2) superellipsoid(0.2, 0.2)
+camera { eye = (6.5, -8.5, 4.2); target = (0, 0, 2.2); fov = 38 }
+sun { direction = (0.5, -0.75, 0.6) }
+ground { z = -0.3 }
+```
 """
 
 
