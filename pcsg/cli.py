@@ -233,6 +233,15 @@ def fmt(
 
 @app.command()
 @guard
+def lsp() -> None:
+    """Serve editors over standard input and output (Language Server Protocol)."""
+    from pcsg.commands.lsp import run
+
+    run()
+
+
+@app.command()
+@guard
 def scan(
     file: File,
     output: Annotated[

@@ -29,6 +29,8 @@ EXTRAS = {
     "scipy": ("SciPy", "mesh"),
     "skimage": ("scikit-image", "mesh"),
     "OpenEXR": ("OpenEXR", "exr"),
+    "lsprotocol": ("pygls", "lsp"),
+    "pygls": ("pygls", "lsp"),
     "websockets": ("websockets", "view"),
 }
 """Packages that only some verbs need: what they are called, and the extra that brings them."""

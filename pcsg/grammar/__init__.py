@@ -73,11 +73,21 @@ def check_file(
 
 
 def check_text(
-    text: str, name: str = "<text>", *, include: Iterable[str | Path] = ()
+    text: str,
+    name: str = "<text>",
+    *,
+    include: Iterable[str | Path] = (),
+    folder: Path | None = None,
 ) -> tuple[Graph | None, list[Diagnostic]]:
-    """Read a text and return all errors and warnings; the graph if there are no errors."""
+    """Read a text and return all errors and warnings; the graph if there are no errors.
+
+    Parameters
+    ----------
+    folder
+        What names of files are relative to, by default the working directory.
+    """
     with collector_at_rest():
-        return _check(preprocess_text(text, name, include))
+        return _check(preprocess_text(text, name, include, folder))
 
 
 def _graph_of(checked: tuple[Graph | None, list[Diagnostic]]) -> Graph:

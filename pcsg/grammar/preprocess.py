@@ -130,11 +130,20 @@ def preprocess_file(path: Path, include: Iterable[str | Path]) -> Preprocessed:
     return _preprocess(source, path.resolve(), path.parent, reach, problems)
 
 
-def preprocess_text(text: str, name: str, include: Iterable[str | Path]) -> Preprocessed:
-    """Read a text and what it includes; paths are relative to the working directory."""
+def preprocess_text(
+    text: str, name: str, include: Iterable[str | Path], folder: Path | None = None
+) -> Preprocessed:
+    """Read a text and what it includes.
+
+    Parameters
+    ----------
+    folder
+        What paths are relative to, by default the working directory.
+    """
     # A text from a file read elsewhere may begin with a byte order mark.
-    source = Source(name, text.removeprefix("\ufeff"))
-    return _preprocess(source, None, Path(), Reach.of(Path(), include), [])
+    source = Source(name, text.removeprefix("\ufeff"), "" if folder is None else str(folder))
+    folder = folder or Path()
+    return _preprocess(source, None, folder, Reach.of(folder, include), [])
 
 
 def read_source(path: Path) -> tuple[Source | None, list[Diagnostic]]:
@@ -185,7 +194,7 @@ def _preprocess(
         if any(p.code == "file-too-large" for p in found):
             return Preprocessed(None, [], problems, reach)
         includes: list[tuple[Token, SourceSpan]] = []
-        unit.tokens = _take_directives(tokens, macros, includes, problems)
+        unit.tokens = take_directives(tokens, macros, includes, problems)
         for token, span in includes:
             target = folder / token.text[1:-1]
             resolved = _find(target, span, reach, problems)
@@ -248,7 +257,7 @@ def _include_cycles(units: Mapping[Path | None, Unit]) -> list[Diagnostic]:
     return problems
 
 
-def _take_directives(
+def take_directives(
     tokens: list[Token],
     macros: dict[str, Macro],
     includes: list[tuple[Token, SourceSpan]],
