@@ -99,6 +99,8 @@ def find_file(name: str) -> tuple[Path, bool]:
     """
     path = Path(name)
     if path.exists():
+        if not path.is_file():
+            raise UsageError(f"cannot show {path}: it is not an ordinary file")
         return path, False
     species = species_file(name)
     if species != path:

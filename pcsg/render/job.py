@@ -33,7 +33,7 @@ from pcsg.render.sampler import Sampler
 from pcsg.render.stage import Stage, build_stage
 from pcsg.render.tracer import Floats, RenderScene
 from pcsg.render.veiled import Veiled
-from pcsg.trace.rays import Stopped, stoppable
+from pcsg.trace.rays import SECONDS, Stopped, stoppable
 
 _BLOCK = 64
 """Side of the squares of pixels that are visited one after the other."""
@@ -116,6 +116,11 @@ class Job:
         Texts that go into the picture's file besides what describes scene and options.
     stage
         What `build_stage` returns for them, where it is known already.
+
+    Attributes
+    ----------
+    within
+        Seconds in which it stops; fewer cost time.
     """
 
     def __init__(
@@ -143,6 +148,7 @@ class Job:
         # Names of files need not be text, but what a picture's file says must be.
         more = {name: printable(text) for name, text in (metadata or {}).items()}
         self.metadata = {**self.description, **more}
+        self.within = SECONDS
         self._stop = Event()
         self._taken = 0
         self._pass: Pass | None = None
@@ -357,7 +363,7 @@ class Job:
             lens = lens[shown] if lens is not None else None
         origins, directions = camera.rays(at_x, at_y, size, lens)
         try:
-            with stoppable(self._stop):
+            with stoppable(self._stop, self.within):
                 light = self.integrator.radiance(origins, directions, samples)
         except Stopped:
             return 0, 0

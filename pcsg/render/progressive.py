@@ -29,6 +29,9 @@ MOVING = 1.0 / 15.0
 STEP = 0.12
 """Seconds from which on a finer picture is worth showing before the finest."""
 
+STOP = 0.02
+"""Seconds in which a picture ends for a newer one, about."""
+
 FIRST_LOOK, LAST_LOOK = 0.2, 1.5
 """Seconds between two looks at the finest picture while it is made, at first and later."""
 
@@ -177,6 +180,7 @@ class Progressive:
         stage = self._stage.seen_by(self._stage.camera, options.size[1], options.detail)
         options = replace(options, overrides=self._overrides, threads=self._threads)
         job = self._job = Job(self._scene, options, stage=stage)
+        job.within = STOP
         # Who wants something newer says so first and interrupts then: one of the two is seen.
         if self._superseded():
             raise Stopped

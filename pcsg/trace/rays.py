@@ -159,13 +159,19 @@ _called = threading.local()
 
 
 @contextmanager
-def stoppable(stop: Event) -> Iterator[None]:
-    """Let calls of this thread end with `Stopped` soon after an event is set."""
-    _called.stop = stop
+def stoppable(stop: Event, within: float = SECONDS) -> Iterator[None]:
+    """Let calls of this thread end with `Stopped` soon after an event is set.
+
+    Parameters
+    ----------
+    within
+        Seconds that a chunk takes, and so a stop.
+    """
+    _called.stop, _called.share = stop, within / SECONDS
     try:
         yield
     finally:
-        del _called.stop
+        del _called.stop, _called.share
 
 
 class Pace:
@@ -177,9 +183,9 @@ class Pace:
     def __init__(self) -> None:
         self._size = FIRST_CHUNK
 
-    def next(self, most: int) -> int:
-        """Return the size of the next chunk."""
-        return min(self._size, most)
+    def next(self, most: int, share: float = 1.0) -> int:
+        """Return the size of the next chunk, or of one that takes a share of the time."""
+        return min(max(SMALLEST_CHUNK, round(self._size * share)), most)
 
     def learn(self, size: int, seconds: float) -> None:
         """Take in how long a chunk took."""
@@ -210,7 +216,8 @@ def run_chunks(n: int, threads: int, work: Callable[[int, int], None], pace: Pac
         work(0, n)
         pace.learn(n, time.perf_counter() - start)
         return
-    chunks = _Chunks(n, LARGEST_CHUNK if alone else CHUNK, pace, work, stop)
+    share = getattr(_called, "share", 1.0)
+    chunks = _Chunks(n, LARGEST_CHUNK if alone else CHUNK, pace, work, stop, share)
     if alone:
         chunks.run()
     else:
@@ -243,8 +250,10 @@ class _Chunks:
         pace: Pace,
         work: Callable[[int, int], None],
         stop: Event | None,
+        share: float,
     ) -> None:
         self._n, self._most, self._pace, self._work, self._stop = n, most, pace, work, stop
+        self._share = share
         self._next = 0
         self._lock = Lock()
         self.errors: list[tuple[int, BaseException]] = []
@@ -273,7 +282,7 @@ class _Chunks:
             begin = self._next
             if begin >= self._n:
                 return None
-            self._next = min(self._n, begin + self._pace.next(self._most))
+            self._next = min(self._n, begin + self._pace.next(self._most, self._share))
             return begin, self._next
 
 

@@ -139,3 +139,20 @@ def test_a_picture_is_interrupted_soon_and_keeps_what_is_done(
     assert time.monotonic() - start < 15  # a guard; it takes two and a half
     finished = job.image().finished
     assert 0 < finished.mean() < 1
+
+
+def test_calls_that_must_stop_soon_take_smaller_chunks():
+    def sizes_of(pace):
+        sizes = []
+        run_chunks(10**5, 1, lambda begin, end: sizes.append(end - begin), pace)
+        return sizes
+
+    pace = Pace()
+    pace._size = 10_000
+    with stoppable(threading.Event(), 0.02):
+        assert sizes_of(pace)[0] == 1_000
+    pace._size = 20
+    with stoppable(threading.Event(), 0.02):
+        assert sizes_of(pace)[0] == batches.SMALLEST_CHUNK
+    pace._size = 10_000
+    assert sizes_of(pace)[0] == 10_000
