@@ -318,6 +318,15 @@ SETTINGS = {
                     "texture of its relief; automatic: its texture",
                     refers_to="texture",
                 ),
+                "opacity": Key(
+                    _N, 1.0, "part of the surface that is there: 0 none to 1", low=0.0, high=1.0
+                ),
+                "cutout": Key(
+                    ValueKind.NAME,
+                    None,
+                    "texture that cuts holes: opacity of a picture, second colour of a pattern",
+                    refers_to="texture",
+                ),
                 "bump": Key(_N, 0.0, "height of the relief", low=-1e6, high=1e6),
             },
             named=True,

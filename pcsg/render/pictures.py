@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,6 +69,24 @@ def read_values(path: Path) -> Pixels:
     EnvironmentFault
         It cannot be read.
     """
+    return _read(path, _values)
+
+
+def read_opacity(path: Path) -> Pixels:
+    """Return (H, W) how opaque a picture is, in [0, 1]; where it does not say, how bright.
+
+    Raises
+    ------
+    UsageError
+        It is no picture, damaged, or too large.
+    EnvironmentFault
+        It cannot be read.
+    """
+    return _read(path, _opacity)
+
+
+def _read(path: Path, take: Callable[[Picture], Pixels]) -> Pixels:
+    """Return what is taken from a picture that Pillow reads."""
     from PIL import Image, UnidentifiedImageError
 
     data = read_bytes(path, "picture")
@@ -77,7 +96,7 @@ def read_values(path: Path) -> Pixels:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(io.BytesIO(data), formats=FORMATS) as picture:
                 _check_size(picture.width, picture.height, len(data), path)
-                return _values(picture)
+                return take(picture)
     except UnidentifiedImageError:
         raise UsageError(f"{path} is not a picture that can be read") from None
     except Image.DecompressionBombError:
@@ -88,9 +107,18 @@ def read_values(path: Path) -> Pixels:
         raise UsageError(f"{path} is damaged: {error}") from None
 
 
+def _opacity(picture: Picture) -> Pixels:
+    """Return how opaque a picture is; how bright, if it has no opacity."""
+    if "transparency" in picture.info or "A" in picture.getbands():
+        return np.asarray(picture.convert("RGBA").getchannel("A"), np.float32) / np.float32(255)
+    return np.asarray(_values(picture).mean(axis=2))
+
+
 def _values(picture: Picture) -> Pixels:
     """Return the values of a picture, made in bands to save memory."""
     deep = picture.mode.startswith("I")
+    if picture.mode == "P" and "transparency" in picture.info:
+        picture = picture.convert("RGBA")  # else Pillow warns of what it leaves out
     if not deep and picture.mode != "RGB":
         picture = picture.convert("RGB")
     raw = np.asarray(picture)

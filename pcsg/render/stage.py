@@ -13,6 +13,7 @@ from pcsg.arguments import shown
 from pcsg.errors import UsageError, suggest
 from pcsg.graph.settings import SETTINGS, check_value
 from pcsg.render.camera import Camera, Widths
+from pcsg.render.cutouts import Cutouts, CutTracer
 from pcsg.render.daylight import PhysicalSky, sunlight
 from pcsg.render.emitters import Emitters, make_emitters
 from pcsg.render.fog import Fog, make_fog
@@ -148,8 +149,15 @@ def build_stage(
     spots = make_spots(scene.setting_values("spot"))
     film = _values(scene, "film", overrides)
     fine = _fine(camera, height, detail)
-    tracer = _detailed(scene.tracer, camera, fine)
-    things = _detailed(scene.tracer, camera, fine, max(fine.spread, SOFT))
+    cutouts = Cutouts(
+        scene.setting_values("material"),
+        scene.setting_numbers("texture"),
+        textures,
+        scene.setting_values("texture"),
+    )
+    solid = CutTracer(scene.tracer, cutouts) if cutouts.exist else scene.tracer
+    tracer = _detailed(solid, camera, fine)
+    things = _detailed(solid, camera, fine, max(fine.spread, SOFT))
     grounded = bool(scene.setting_values("ground")) or "ground" in overrides
     extent = float((box[1] - box[0]).max())
     values = _values(scene, "ground", overrides)
