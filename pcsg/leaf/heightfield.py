@@ -5,10 +5,8 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
-from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -128,9 +126,6 @@ def heightfield_mesh(heights: Floats, name: str | None = None) -> MeshModel:
     return MeshModel(mesh, name)
 
 
-_READ: WeakValueDictionary[tuple[object, ...], MeshModel] = WeakValueDictionary()
-
-
 @word
 class Heightfield(Mesh):
     """Land below heights over -1 <= x, y <= 1: a .png, .tif or .npy file.
@@ -149,16 +144,8 @@ class Heightfield(Mesh):
     soft = True
 
     @classmethod
-    def read_constant(cls, text: str, folder: Path) -> MeshModel:
-        path = folder / text
-        key: tuple[object, ...] = (path,)
-        with suppress(OSError, ValueError):  # the reader tells what is wrong
-            about = path.stat()
-            key = path.resolve(), about.st_mtime_ns, about.st_size, text
-        found = _READ.get(key)
-        if found is None:
-            found = _READ[key] = heightfield_mesh(read_heights(path), text)
-        return found
+    def read_model(cls, path: Path, name: str) -> MeshModel:
+        return heightfield_mesh(read_heights(path), name)
 
     @classmethod
     def take_arguments(cls, args: Sequence[Any]) -> tuple[tuple[Constant, ...], Sequence[Any]]:

@@ -297,11 +297,16 @@ class Mesh(Solid):
         key: tuple[object, ...] = (path,)
         with suppress(OSError, ValueError):  # the reader tells what is wrong
             about = path.stat()
-            key = path.resolve(), about.st_mtime_ns, about.st_size, text
+            key = cls.name, path.resolve(), about.st_mtime_ns, about.st_size, text
         found = _READ.get(key)
         if found is None:
-            found = _READ[key] = MeshModel(read_mesh(path), text)
+            found = _READ[key] = cls.read_model(path, text)
         return found
+
+    @classmethod
+    def read_model(cls, path: Path, name: str) -> MeshModel:
+        """Return the mesh of a file that the grammar calls `name`; errors as `read_constant`."""
+        return MeshModel(read_mesh(path), name)
 
     @classmethod
     def take_arguments(cls, args: Sequence[Any]) -> tuple[tuple[Constant, ...], Sequence[Any]]:
