@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcsg.arguments import whole
 from pcsg.errors import UsageError
 from pcsg.lidar.cloud import Cloud, join
-from pcsg.lidar.scanners import Leg, Scanner, as_legs, as_scanner
+from pcsg.lidar.scanners import MOST_BEAMS, Leg, Scanner, as_legs, as_scanner
 from pcsg.light.scattering import frame_about
 from pcsg.light.stage import chance
 from pcsg.trace.periodic import as_cell
@@ -45,7 +45,18 @@ class Piece(NamedTuple):
 
 
 def pieces_of(scanner: Scanner, legs: list[Leg]) -> list[Piece]:
-    """Return the parts of a scan, in order."""
+    """Return the parts of a scan, in order.
+
+    Raises
+    ------
+    UsageError
+        It has more beams than a scan may have.
+    """
+    beams = sum(scanner.count(leg) for leg in legs)
+    if beams > MOST_BEAMS:
+        raise UsageError(
+            f"the scan has more than {MOST_BEAMS:g} beams; a larger step or spacing makes fewer"
+        )
     return [
         Piece(k, first, min(PIECE, scanner.count(leg) - first))
         for k, leg in enumerate(legs)

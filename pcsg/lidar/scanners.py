@@ -19,6 +19,13 @@ LIGHT = 0.299792458
 """Metres that light goes in a nanosecond."""
 
 
+FARTHEST = 1e9
+"""Of a scanner's place, metres."""
+
+MOST_BEAMS = 10**11
+"""Of a scan."""
+
+
 @dataclass(frozen=True)
 class Scanner:
     """A laser scanner.
@@ -77,6 +84,11 @@ class Scanner:
                 raise UsageError(f"a scanner's {name} is not negative")
         if self.pattern not in ("raster", "lines", "mirror"):
             raise UsageError(f"a scanner's pattern is raster, lines or mirror, not {self.pattern}")
+        angles = (*self.zenith, *self.azimuth, *self.lines)
+        if not all(abs(angle) <= 360.0 for angle in angles):
+            raise UsageError("a scanner's angles are from -360 to 360 degrees")
+        if self.zenith[0] > self.zenith[1] or self.azimuth[0] > self.azimuth[1]:
+            raise UsageError("a scanner's angles go from the smaller to the larger")
         if self.pattern == "lines" and not self.lines:
             raise UsageError("a scanner of lines has their elevations")
 
@@ -210,6 +222,8 @@ def as_legs(value: ArrayLike | Any) -> list[Leg]:
             legs.append(Leg(places[0], places[1]))
         else:
             raise UsageError("a leg is a place (x, y, z), or two of them for a path")
+    if any(np.abs([leg.start, leg.end]).max() > FARTHEST for leg in legs):
+        raise UsageError(f"a scanner stands within {FARTHEST:g} of the origin")
     if not legs:
         raise UsageError("a scan has a leg or more: where the scanner stands, or its path")
     return legs

@@ -26,6 +26,12 @@ Integers = NDArray[np.int64]
 MOST_CELLS = 10_000
 """Cells that a ray passes at most in either direction; it misses what is beyond them."""
 
+FARTHEST = 1e12
+"""Of a cell's corners: farther away places are too coarse to tell cells apart."""
+
+MOST_COPIES = 100
+"""Copies that reach into a cell, in either direction."""
+
 BATCH = 1 << 17
 """Rays that are followed together."""
 
@@ -72,6 +78,8 @@ def as_cell(value: ArrayLike) -> Cell:
     if numbers.shape != (4,) or not np.isfinite(numbers).all():
         raise UsageError("`periodic` is (xmin, ymin, xmax, ymax), four finite numbers")
     cell = Cell(*numbers.tolist())
+    if np.abs(numbers).max() > FARTHEST:
+        raise UsageError(f"`periodic` has numbers up to {FARTHEST:g}")
     if not (cell.xmin < cell.xmax and cell.ymin < cell.ymax):
         raise UsageError(f"the cell {tuple(numbers.tolist())} of `periodic` is empty")
     return cell
@@ -168,15 +176,16 @@ class PeriodicScene:
         self._low, self._high = bounds[0, :2], bounds[1, :2]
         self._heights = heights
         sides = cell.sides
-        first, last = np.zeros(2, np.int64), np.zeros(2, np.int64)
+        first = last = np.zeros(2)
         if np.isfinite(bounds).all():
             # Copies that reach into the cell, by how many cells they are shifted.
-            first = np.floor((cell.corner - self._high) / sides).astype(np.int64) + 1
-            last = np.ceil((cell.corner + sides - self._low) / sides).astype(np.int64) - 1
-        if ((last - first) > 100).any():
+            with np.errstate(over="ignore"):
+                first = np.floor((cell.corner - self._high) / sides) + 1.0
+                last = np.ceil((cell.corner + sides - self._low) / sides) - 1.0
+        if not (last - first < MOST_COPIES).all():
             raise UsageError("the scene is more than a hundred cells of `periodic` wide")
         self._offsets = tuple(
-            np.arange(int(first[k]), int(last[k]) + 1, dtype=np.float64) for k in (0, 1)
+            first[k] + np.arange(max(1.0, last[k] - first[k] + 1.0)) for k in (0, 1)
         )
 
     def _walk(self, rays: Rays, best: Floats, done: NDArray[np.bool_]) -> Iterator[_Segments]:

@@ -32,6 +32,7 @@ from writers import obj_text, ply_bytes
 
 from pcsg.cli import app
 from pcsg.commands import guard, warmup
+from pcsg.lidar.echoes import pieces_of
 
 MISTAKE = "this is a mistake in pcsg itself"
 
@@ -87,6 +88,9 @@ SEEDS: tuple[tuple[str, ...], ...] = (
     ("graph", "a.pcsg", "-o", "a.png"),
     ("animate", "a.pcsg", *SMALL, "--frames", "0..1", "-D", "c=1..2", "--orbit", "90"),
     ("animate", "a.pcsg", *SMALL, "--frames", "3..4", "--time", "0..1", "-o", "f_##.png"),
+    ("scan", "a.pcsg", "--at", "0,-6,1", "--figure", "step=20", "-o", "c.csv", "--class", "7=5"),
+    ("scan", "a.pcsg", "--scanner", "vlp16", "--at", "0,-6,1..0,6,1", "-o", "c.npz", "--resume"),
+    ("scan", "twig.pcsg", "--at", "0,0,9", "--figure", "zenith=90,180", "-o", "c.ply", "-q"),
     ("new", "b"),
     ("gallery",),
     ("gallery", "sea", "--copy", "-o", "."),
@@ -134,6 +138,19 @@ FITTING: dict[str, tuple[str, ...]] = {
     "--engine": ("auto", "cyclic", "states", "Cyclic"),
     "--mode": ("preview", "direct", "path", "x"),
     "--view": ("standard", "filmic", "x"),
+    "--figure": (
+        "step=30",
+        "step=1e-300",
+        "zenith=0,1e300",
+        "lines=1,2",
+        "pattern=mirror",
+        "=",
+        "pulse=0",
+    ),
+    "--at": ("0,0,0", "1e300,0,0", "0,0,3..5,5,3", "0,0", "nan,0,0", ".."),
+    "--periodic": ("-1,-1,1,1", "0,0,0,0", "0,0,1e-300,1", "1e300,0,2e300,1"),
+    "--class": ("7=5", "7=256", "=", "-1=2"),
+    "--returns": ("first", "last", "strongest", "x"),
     "--method": ("quads", "contour"),
     "--kernel": ("cauchy", "quartic"),
     "--locality": ("graph", "all"),
@@ -236,6 +253,11 @@ def mutate(rng: random.Random, text: str) -> str:
     return _packed(words, files)
 
 
+def _first_pieces(*args: Any) -> Any:
+    """Return two parts of a scan: the others are alike."""
+    return [piece._replace(beams=min(piece.beams, 50)) for piece in pieces_of(*args)[:2]]
+
+
 class _Here:
     """Takes the place of a pool of processes: works at once, in this one."""
 
@@ -295,6 +317,7 @@ def call(words: Sequence[str]) -> tuple[int, str]:
 
     with (
         patch.object(guard, "_tell", tell_or_raise),
+        patch("pcsg.lidar.echoes.pieces_of", _first_pieces),
         patch("pcsg.commands.animate.ProcessPoolExecutor", _Here),
         contextlib.redirect_stdout(io.StringIO()),
         contextlib.redirect_stderr(told),
