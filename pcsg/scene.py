@@ -26,7 +26,6 @@ from pcsg.graph.text import to_pcsg
 from pcsg.graph.validate import check_graph
 from pcsg.trace.choice import EngineChoice, Limits
 from pcsg.trace.hits import Crossings, Hits, Spans
-from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.measures import Key, Measured, Quantity, Samples
 from pcsg.trace.periodic import PeriodicScene, as_cell
 from pcsg.trace.rays import check_rays
@@ -205,7 +204,7 @@ class Scene:
         return self._choice.boxes
 
     @property
-    def tracer(self) -> Walker | StatesTracer | LazyTracer:
+    def tracer(self) -> Walker | StatesTracer:
         """Who answers the rays."""
         return self._choice.tracer
 

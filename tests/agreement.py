@@ -12,21 +12,19 @@ import oracle
 import strategies as cases
 from oracle import Event
 
-from pcsg.graph.binding import make_recipes
 from pcsg.graph.graph import GLOBALS, Graph
 from pcsg.graph.unroll import enumerate_states
+from pcsg.trace.choice import SUSPENDED_MEMORY
 from pcsg.trace.expand.expansion import Expansion
 from pcsg.trace.expand.pack import pack_expansion
-from pcsg.trace.expand.partial import PartialExpansion
+from pcsg.trace.expand.partial import NotSuspended, PartialExpansion
 from pcsg.trace.expand.suspended import SuspendedBlocks
-from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.pool import pool_of
-from pcsg.trace.store import BLOCK_MEMORY
 from pcsg.trace.tracer import StatesTracer, trace_states
 from pcsg.trace.walker import Walker
 
 Ray = tuple[Sequence[float], Sequence[float]]
-Tracer = Walker | StatesTracer | LazyTracer
+Tracer = Walker | StatesTracer
 Make = Callable[..., Tracer]
 
 
@@ -66,24 +64,6 @@ def make_expanded(
     )
 
 
-def make_lazy(
-    graph: Graph,
-    values: Mapping[str, float] = GLOBALS,
-    *,
-    threads: int | None = None,
-    block_memory: int = BLOCK_MEMORY,
-    walker: Walker | None = None,
-) -> LazyTracer:
-    """Return the engine of lazy states, whether it is needed or not."""
-    return LazyTracer(
-        make_recipes(graph, values),
-        values,
-        walker=lambda: walker or Walker(graph, values, threads=threads),
-        threads=threads,
-        block_memory=block_memory,
-    )
-
-
 def make_suspended(
     graph: Graph,
     values: Mapping[str, float] = GLOBALS,
@@ -100,16 +80,33 @@ def make_suspended(
     return StatesTracer(suspended.packed.blocks, models, make_walker, threads, suspended=suspended)
 
 
+def make_without_memory(
+    graph: Graph,
+    values: Mapping[str, float] = GLOBALS,
+    *,
+    threads: int | None = None,
+    walker: Walker | None = None,
+) -> StatesTracer:
+    """Return the engine of states with all of them suspended, where that can be."""
+    try:
+        return make_suspended(graph, values, threads=threads, walker=walker)
+    except NotSuspended:
+        return make_expanded(graph, values, threads=threads, walker=walker)
+
+
 def make_any_states(graph: Graph, values: Mapping[str, float] = GLOBALS) -> Tracer:
-    """Return the engine of states, with lazy ones where they are too many."""
+    """Return the engine of states, some of them suspended where they are too many."""
     states = enumerate_states(graph, values)
-    return make_states(graph, values) if states.finite else make_lazy(graph, values)
+    if states.finite:
+        return make_states(graph, values)
+    return make_suspended(graph, values, block_memory=SUSPENDED_MEMORY)
 
 
 ENGINES: dict[str, Make] = {
     "cyclic": Walker,
     "states": make_states,
     "expanded": make_expanded,
+    "suspended": make_without_memory,
 }
 
 LIMITS = (0.0, math.inf)
@@ -190,7 +187,7 @@ class Judge:
             return
         # Where faces of several leaves coincide exactly, the engine of states may name another one
         # of them (docs/engines.md); the place must be right.
-        loose = isinstance(self.tracer, (StatesTracer, LazyTracer)) and expected is not None
+        loose = isinstance(self.tracer, StatesTracer) and expected is not None
         if loose and abs(t - expected.t) <= SAME * max(1.0, abs(t)):
             return
         slack = 1e-6 * max(1.0, abs(t))

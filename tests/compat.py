@@ -26,7 +26,7 @@ TESTS = (
     "tests/test_machine.py",
     "tests/trace/test_hits.py",
     "tests/trace/test_questions.py",
-    "tests/trace/test_lazy.py",
+    "tests/trace/test_suspended.py",
     "tests/trace/test_meshes.py",
     "tests/blobtree/test_blob_grammars.py",
 )

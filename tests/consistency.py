@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 import oracle
-from agreement import Tracer, make_expanded, make_lazy, make_states, make_suspended
+from agreement import Tracer, make_expanded, make_states, make_suspended
 
 from pcsg.graph.graph import Graph
-from pcsg.graph.recipes import NoRecipe
 from pcsg.scene import Scene
 from pcsg.trace import blocks
 from pcsg.trace.expand.partial import NotSuspended
@@ -49,7 +48,7 @@ def opened(whole: int, references: int) -> Iterator[None]:
 
 
 def fast_tracers(graph: Graph, walker: Walker) -> Iterator[tuple[str, Tracer]]:
-    """Yield the engines of states: opened, not opened, and on demand where that can be."""
+    """Yield the engines of states: opened, not opened, and suspended where that can be."""
     yield "states", make_states(graph, walker=walker)
     yield "expanded", make_expanded(graph, walker=walker)
     with opened(0, 0):
@@ -57,8 +56,6 @@ def fast_tracers(graph: Graph, walker: Walker) -> Iterator[tuple[str, Tracer]]:
         yield "expanded, closed", make_expanded(graph, walker=walker)
     with suppress(NotSuspended):
         yield "suspended", make_suspended(graph, walker=walker)
-    with suppress(NoRecipe):
-        yield "on demand", make_lazy(graph, block_memory=0, walker=walker)
 
 
 def check_engines(graph: Graph, rays: Rays) -> int:

@@ -203,13 +203,18 @@ def _save_part(job: Job, output: Path, kept: Path) -> None:
 
 
 def _tell_profile(scene: Scene) -> None:
-    """Say what a ray has visited."""
-    profile = getattr(scene.tracer, "profile", None)
-    if profile is None:
+    """Say what a ray has visited, and of what."""
+    from pcsg.trace.tracer import StatesTracer
+
+    tracer = scene.tracer
+    if not isinstance(tracer, StatesTracer):
         say("the engine `cyclic` keeps no profile")
         return
+    profile = tracer.profile
     parts = [f"{value:.3g} {name}" for name, value in profile.items() if name != "rays"]
     say(f"{profile['rays']:,.0f} rays; on average a ray visits {', '.join(parts)}")
+    counts = {**tracer.counts, "bytes": sum(tracer.nbytes.values())}
+    say("of " + ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in counts.items()))
 
 
 def _summary(job: Job, files: Sequence[Path]) -> dict[str, Any]:

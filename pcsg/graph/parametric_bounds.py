@@ -162,7 +162,7 @@ class _Measure:
         sides = []
         for i, forms in enumerate(candidates):
             sign = -1.0 if i < 3 else 1.0
-            sides.append(fit_side(forms, self.inputs, sign * extent.box[i], sign))
+            sides.append(_fit_side(forms, self.inputs, sign * extent.box[i], sign))
         return Sides(tuple(sides), extent.reach)
 
     def _walk(self, start: int, opened: int, scope: _Scope) -> tuple[Candidates, list[Key]]:
@@ -246,7 +246,7 @@ class _Measure:
         """Return upper bounds of an entry along a row."""
         if key not in self.of_entries:  # around a cycle
             return along_box(row, self.extents[key].box, self.inputs)
-        return along_sides(
+        return _along_sides(
             row,
             self.of_entries[key],
             lambda k: forms.get(self.names[k], ANYTHING),
@@ -268,7 +268,7 @@ class _Measure:
         return max(range_of(form, self.inputs)[1] for form in forms)
 
 
-def fit_side(forms: list[Linear], inputs: Inputs, limit: float, sign: float) -> Side:
+def _fit_side(forms: list[Linear], inputs: Inputs, limit: float, sign: float) -> Side:
     """Return a side that is nowhere below any of some upper bounds.
 
     Parameters
@@ -302,7 +302,7 @@ def fit_side(forms: list[Linear], inputs: Inputs, limit: float, sign: float) -> 
     return Side((), -INF, min(max(most, floor), limit))
 
 
-def along_sides(
+def _along_sides(
     row: Sequence[Linear], sides: Sides, form_at: Callable[[int], Linear], inputs: Inputs
 ) -> list[Linear]:
     """Return the bounds of a box along a row; one of its sides may depend on inputs.

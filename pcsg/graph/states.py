@@ -83,13 +83,6 @@ class OperationStep(NamedTuple):
 Step = LeafStep | StateStep | UnaryStep | OperationStep
 
 
-class Start(NamedTuple):
-    """Where to begin: a node, and names and values of its live parameters."""
-
-    node: int
-    values: tuple[tuple[str, float], ...]
-
-
 @dataclass(slots=True)
 class State:
     """A module, the rule that it takes, and the values of the parameters that are live there.

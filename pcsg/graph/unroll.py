@@ -23,7 +23,6 @@ from pcsg.graph.states import (
     LeafItem,
     LeafStep,
     OperationStep,
-    Start,
     State,
     StateGraph,
     StateItem,
@@ -54,7 +53,6 @@ def enumerate_states(
     globals_values: Mapping[str, float] | None = None,
     budget: int = BUDGET,
     depth_limit: int = MOST_SELECTIONS,
-    starts: Sequence[Start] | None = None,
     without: Collection[int] = (),
 ) -> StateGraph:
     """Unroll a graph over its states.
@@ -67,8 +65,6 @@ def enumerate_states(
         Most states; it bounds the visits to nodes too, by STEPS_PER_STATE each.
     depth_limit
         Most selections on a path.
-    starts
-        Where to begin in place of the axiom: state 0 is then their union.
     without
         Nodes that are taken to be empty.
 
@@ -79,10 +75,10 @@ def enumerate_states(
     """
     unroller = _Unroller(graph, globals_values, budget, without)
     # A text that is longer than all visits may be is not begun with.
-    if starts is None and len(graph.nodes) - len(without) > STEPS_PER_STATE * budget:
+    if len(graph.nodes) - len(without) > STEPS_PER_STATE * budget:
         unroller.give_up()
         return unroller.found
-    unroller.run(starts)
+    unroller.run()
     check_depth(unroller.found, depth_limit)
     return unroller.found
 
@@ -157,11 +153,11 @@ class _Unroller:
     def frame_mask(self) -> int:
         return 1 << self.code.frame_slot if self.code.frame_slot >= 0 else 0
 
-    def run(self, starts: Sequence[Start] | None = None) -> None:
+    def run(self) -> None:
         """Expand states until none is left or the budget is spent."""
         states = self.found.states
         visits = 0
-        todo = [0] if starts is None else self._begin(starts)
+        todo = [0]
         while todo:
             k = todo.pop()
             self.pending.clear()
@@ -171,22 +167,6 @@ class _Unroller:
             if todo and (len(states) > self.budget or visits > STEPS_PER_STATE * self.budget):
                 self.give_up()
                 return
-
-    def _begin(self, starts: Sequence[Start]) -> list[int]:
-        """Make state 0 the union of what the starts lead to, and return those states."""
-        found = []
-        for start in starts:
-            params = self.unassigned.copy()
-            for name, value in start.values:
-                params[self.code.slots[name]] = value
-            found.append(self._intern(start.node, params, 0))
-        axiom = self.found.states[0]
-        arity = len(found)
-        items = (StateItem(IDENTITY, k) for k in found)
-        axiom.content = (*items, Combine(UNION, arity))
-        visits = (StateStep(start.node, k) for start, k in zip(starts, found, strict=True))
-        axiom.steps = (*visits, OperationStep(0, UNION, arity))
-        return list(dict.fromkeys(found))
 
     def _expand(self, k: int) -> None:
         """Fill in the content of a state."""

@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 
 from pcsg.geometry.bvh import FARTHEST, LEAST_SINGLE
 from pcsg.graph.attributes import ATTRIBUTE_DEFAULTS
-from pcsg.graph.bounds import pad
 from pcsg.graph.code import compose_affine, invert_affine
 from pcsg.graph.graph import Graph
-from pcsg.graph.hulls import EMPTY as EMPTY_BOX
 from pcsg.graph.hulls import Hulls, Part
 from pcsg.graph.nodes import Leaf
-from pcsg.graph.states import StateGraph, StateItem
+from pcsg.graph.states import StateGraph
 from pcsg.simd import SINGLE, WIDTH
 from pcsg.trace.binary import BinaryTree, area_of, hull_of
 from pcsg.trace.groups import (
@@ -33,14 +31,14 @@ from pcsg.trace.groups import (
     LEAF,
     OPERATION,
     SMALL,
+    SUSPENDED,
     Groups,
     Reference,
     gather,
 )
 from pcsg.trace.pool import ModelPool, make_pool
-from pcsg.trace.rulebook import Fixture
 from pcsg.trace.small import SmallOperation, flatten_operation
-from pcsg.vec import IDENTITY, Affine, Vec3
+from pcsg.vec import IDENTITY, Affine
 
 OPEN_ROOT, OPEN_GROUP = 1_000, 64
 """References up to which the root and the other groups are opened."""
@@ -115,6 +113,25 @@ class Blocks(NamedTuple):
         """Number of blocks."""
         return len(self.refs) // WIDTH
 
+    @property
+    def contents(self) -> dict[str, int]:
+        """What the blocks consist of, by numbers.
+
+        ``blocks``; ``clusters``, which instances share; ``instances``, references to them;
+        ``flattened_leaves``, primitives that stand where they are; ``suspended``, references to
+        states that are expanded where rays come by.
+        """
+        kinds = self.refs & 7
+        instances = self.refs[kinds == INSTANCE] >> 3
+        smalls = self.smalls[self.targets[self.refs[kinds == SMALL] >> 3]]
+        return {
+            "blocks": self.n_blocks,
+            "clusters": int(np.count_nonzero(np.bincount(self.targets[instances]))),
+            "instances": len(instances),
+            "flattened_leaves": int(np.count_nonzero(kinds == LEAF) + smalls.sum()),
+            "suspended": int(np.count_nonzero(kinds == SUSPENDED)),
+        }
+
     def find_nodes(self, records: NDArray[np.int32]) -> NDArray[np.int64]:
         """Return the node numbers of leaf records, -1 for -1."""
         return find_nodes(self.leaves, records)
@@ -145,43 +162,12 @@ def build_blocks(graph: Graph, states: StateGraph, models: ModelPool | None = No
     return _Builder(graph, gather(states, hulls), hulls, models or make_pool(graph)).build()
 
 
-def build_fixtures(
-    graph: Graph, states: StateGraph, models: ModelPool
-) -> tuple[Blocks, list[Fixture]]:
-    """Return the blocks of a union of states, and each of these states by itself.
-
-    Attributes that come from outside are NaN.
-    """
-    hulls = Hulls(states)
-    hulls.tolerance = CUT_TOLERANCE
-    groups = gather(states, hulls)
-    builder = _Builder(graph, groups, hulls, models)
-    builder.defaults = (math.nan,) * len(ATTRIBUTE_DEFAULTS)
-    builder.wanted += [g for g in groups.parts if g >= 0]
-    blocks = builder.build()
-    starts = [item.state for item in states.states[0].content or () if isinstance(item, StateItem)]
-    fixtures = []
-    for state, group in zip(starts, groups.parts, strict=True):
-        part = hulls.parts[state]
-        if part is None or group < 0:
-            fixtures.append(Fixture(0, EMPTY_BOX, (0.0, 0.0, 0.0), 0.0))
-            continue
-        box = pad(hulls.box(part))
-        # The hull's own ball, where its frame is the state's.
-        center, radius = Vec3(0.0, 0.0, 0.0), math.inf
-        if part.outer_from_inner == IDENTITY:
-            center, radius = part.hull.center, part.hull.radius * (1.0 + 1e-12)
-        fixtures.append(Fixture(builder.first_block[group], box, center, radius))
-    return blocks, fixtures
-
-
 class _Builder:
     def __init__(self, graph: Graph, groups: Groups, hulls: Hulls, models: ModelPool) -> None:
         self.graph = graph
         self.models = models
         self.groups = groups
         self.hulls = hulls
-        self.defaults: tuple[float, ...] = ATTRIBUTE_DEFAULTS
         self.boxes: list[NDArray[np.float32]] = []
         self.refs: list[list[int]] = []
         self.inverses: list[Affine] = []
@@ -357,7 +343,7 @@ class _Builder:
             # What no attribute node assigns is not live, so states do not know it.
             attributes.extend(
                 default if math.isnan(value) else value
-                for value, default in zip(record.attributes, self.defaults, strict=True)
+                for value, default in zip(record.attributes, ATTRIBUTE_DEFAULTS, strict=True)
             )
         operations: list[int] = []
         begins: dict[int, int] = {}

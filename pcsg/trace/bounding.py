@@ -1,8 +1,8 @@
-"""Boxes of parts of a recipe, computed when their matrices and values are known.
+"""Boxes of solids whose matrices are known.
 
-A bounding shape is a run of numbers: SIDES, the sides of an entry's box as functions of its inputs
-(`graph.sides`); BALL, a box of six numbers and a ball of four, which rotations do not make grow;
-CORNERS, their number and the points themselves. SUPPORT: the kernel of the leaf itself.
+A bounding shape is a run of numbers: BALL, a box of six numbers and a ball of four, which rotations
+do not make grow; CORNERS, their number and the points themselves. SUPPORT: the kernel of the leaf
+itself.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pcsg.jit import njit
 from pcsg.leaf.dispatch import leaf_support
 from pcsg.vec import Affine, Vec3
 
-SIDES, BALL, CORNERS, SUPPORT = range(4)
+BALL, CORNERS, SUPPORT = range(3)
 
 PAD = 1e-9
 """Relative to the largest coordinate, for rounding."""
@@ -68,27 +68,6 @@ def bound_box(
 
 
 @njit
-def evaluate_sides(
-    shapes: NDArray[np.float64],
-    at: int,
-    values: NDArray[np.float64],
-    values_at: int,
-    box: NDArray[np.float64],
-) -> None:
-    """Write the box of an entry in its own frame, for given inputs."""
-    at += 1
-    for i in range(6):
-        most = -math.inf
-        n = int(shapes[at + 2])
-        for k in range(n):
-            x = values[values_at + int(shapes[at + 3 + k])]
-            most = max(most, -x if i < 3 else x)
-        side = max(most + shapes[at], shapes[at + 1])
-        box[i] = -side if i < 3 else side
-        at += 3 + n
-
-
-@njit
 def pad_box(box: NDArray[np.float64]) -> None:
     """Grow a box outwards for rounding."""
     largest, bounded = 0.0, True
@@ -106,26 +85,15 @@ def pad_box(box: NDArray[np.float64]) -> None:
 
 
 @njit
-def bound_part(
-    kind: int,
-    m: Affine,
-    shapes: NDArray[np.float64],
-    at: int,
-    values: NDArray[np.float64],
-    values_at: int,
-    work: NDArray[np.float64],
-    box: NDArray[np.float64],
+def bound_solid(
+    kind: int, m: Affine, shapes: NDArray[np.float64], at: int, box: NDArray[np.float64]
 ) -> None:
-    """Write the box of a part in the frame that its matrix leads to, padded outwards.
+    """Write the box of a solid in the frame that its matrix leads to, padded outwards.
 
     Parameters
     ----------
     kind, shapes, at
-        Its bounding shape.
-    values, values_at
-        The inputs of an entry.
-    work : float64 (6,)
-        Working space.
+        Its bounding shape: CORNERS or BALL.
     box : float64 (6,)
         Receives lower x, y, z, upper x, y, z.
     """
@@ -133,12 +101,9 @@ def bound_part(
         for i in range(3):
             box[i], box[i + 3] = math.inf, -math.inf
         _bound_corners(m, shapes, at, box)
-    elif kind == BALL:
+    else:
         x, y, z = shapes[at + 6], shapes[at + 7], shapes[at + 8]
         bound_box(m, shapes, at, x, y, z, shapes[at + 9], box, 0)
-    else:
-        evaluate_sides(shapes, at, values, values_at, work)
-        bound_box(m, work, 0, 0.0, 0.0, 0.0, shapes[at], box, 0)
     pad_box(box)
 
 

@@ -14,19 +14,15 @@ import numpy as np
 
 from pcsg.collector import collector_at_rest
 from pcsg.errors import GrammarError, UsageError
-from pcsg.graph.binding import make_recipes
 from pcsg.graph.bounds import HyperBoxes, hyper_boxes
 from pcsg.graph.graph import Graph
-from pcsg.graph.recipes import NoRecipe, Recipes
 from pcsg.graph.states import StateGraph
 from pcsg.graph.unroll import enumerate_states
 from pcsg.memory import half_of_memory
 from pcsg.trace.expand.reading import EXPANSION_MEMORY, StatesReader
-from pcsg.trace.lazy import LazyTracer
 from pcsg.trace.pool import pool_of
 from pcsg.trace.preparing import Preparation
 from pcsg.trace.rays import count_processors
-from pcsg.trace.store import BLOCK_MEMORY
 from pcsg.trace.tracer import Engine, StatesTracer, trace_states
 from pcsg.trace.walker import Walker
 
@@ -37,6 +33,9 @@ if TYPE_CHECKING:
 
 UNROLL_BUDGET = 2_000
 """States that are unrolled before others are left to be made on demand."""
+
+SUSPENDED_MEMORY = 16 << 20
+"""Bytes of the states that are made beforehand where memory has no room for all."""
 
 WHOLE_BUDGET = 16_000
 """States that are unrolled where they cannot be made on demand: seconds of preparation."""
@@ -86,7 +85,6 @@ class EngineChoice:
         faults = self.states.diagnostics
         if faults:
             raise GrammarError(faults)
-        self._recipes: Recipes | None = None
         self._expansion: Expansion | None = None
         self._partial: PartialExpansion | None = None
         self._model_values: dict[int, list[tuple[float, ...]]] = {}
@@ -104,12 +102,7 @@ class EngineChoice:
                 return True
             if self.states.unknown_models:
                 raise GrammarError(self.states.unknown_models)
-            try:
-                self._recipes = make_recipes(self.graph, self.values)
-            except NoRecipe:
-                return self._expand_partly()
-            else:
-                return True
+            return self._expand_partly()
         if self.states.finite and not self.states.acyclic:
             self._obstacle = "a module of the grammar leads back to itself with the same values"
         unrolled = self.states.finite and self.states.acyclic
@@ -129,7 +122,8 @@ class EngineChoice:
         """Expand the largest states, so that the others can follow; return whether they can."""
         from pcsg.trace.expand.partial import NotSuspended, PartialExpansion
 
-        memory = self._block_memory(BLOCK_MEMORY)
+        given = self._limits.block_memory
+        memory = SUSPENDED_MEMORY if given is None else given
         try:
             expansion = PartialExpansion(self.graph, self.values, pool_of(self.graph), memory)
         except NotSuspended as reason:
@@ -173,11 +167,6 @@ class EngineChoice:
         self._expansion = None
         return packed
 
-    def _block_memory(self, usual: int) -> int:
-        """Return the bytes for states: those that were asked for, or what is usual."""
-        given = self._limits.block_memory
-        return usual if given is None else given
-
     def _preparation(self, begin: float, end: float) -> Preparation:
         """Return a part of the preparation, from one share to another."""
         span = self.graph.root.span
@@ -196,25 +185,13 @@ class EngineChoice:
             return hyper_boxes(self.graph, self.values, self.states)
 
     @cached_property
-    def tracer(self) -> Walker | StatesTracer | LazyTracer:
+    def tracer(self) -> Walker | StatesTracer:
         """Who answers the rays."""
         # What is beyond the numbers of boxes is infinite there, and so within them.
         with np.errstate(over="ignore", invalid="ignore"), collector_at_rest():
             return self._make_tracer()
 
-    def _make_tracer(self) -> Walker | StatesTracer | LazyTracer:
-        if self._recipes is not None:
-            memory = (
-                BLOCK_MEMORY if self._limits.block_memory is None else self._limits.block_memory
-            )
-            return LazyTracer(
-                self._recipes,
-                self.values,
-                walker=self._make_walker,
-                threads=self._limits.threads,
-                block_memory=memory,
-                box=self.boxes.boxes[self.graph.number[self.graph.root]],
-            )
+    def _make_tracer(self) -> Walker | StatesTracer:
         if self._partial is not None:
             return self._trace_partly(self._partial)
         if self.packed is not None:

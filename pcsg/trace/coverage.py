@@ -43,10 +43,6 @@ APART = 0.85
 """How far apart states of one frame are drawn: 1 if none ever hid another. Independent draws let
 through 4 % too much of Sierpinski's tetrahedron, 1 stops 7 % too much."""
 
-FINENESS = 1.0 / 64.0
-"""Footprint of the rays that measure a state, relative to its size: what is smaller in it has been
-measured before."""
-
 
 class Coverage(NamedTuple):
     """Areas and hits of C states.
@@ -59,16 +55,13 @@ class Coverage(NamedTuple):
         Hits of every field.
     normals : int8 (3 H,)
         In the state's frame, 127 long.
-    attributes : float64 (7 H,)
-        Of states made on demand.
     leaves : int32 (H,)
-        Leaf nodes, or in blocks the leaf records.
+        The leaf records.
     """
 
     areas: NDArray[np.float32]
     begin: NDArray[np.int32]
     normals: NDArray[np.int8]
-    attributes: Floats
     leaves: NDArray[np.int32]
 
     @property
@@ -84,13 +77,12 @@ class Sampled(NamedTuple):
     ----------
     mask : bool (N,)
         Which of them hit.
-    normals, attributes, leaves
+    normals, leaves
         Of all of them.
     """
 
     mask: NDArray[np.bool_]
     normals: Floats
-    attributes: Floats
     leaves: NDArray[np.int64]
 
 
@@ -115,7 +107,7 @@ class Ends(NamedTuple):
     Attributes
     ----------
     of_place : int32 (R,)
-        Which of them an instance or an entry has; negative for none.
+        Which of them a reference has; negative for none.
     """
 
     cover: Coverage
@@ -250,7 +242,6 @@ class Collected(NamedTuple):
     areas: NDArray[np.float32]
     bins: NDArray[np.int64]
     normals: Floats
-    attributes: Floats
     leaves: NDArray[np.int64]
 
 
@@ -279,7 +270,6 @@ def measure(
         areas.astype(np.float32),
         bins[hits],
         found.normals[hits],
-        found.attributes[hits],
         found.leaves[hits],
     )
 
@@ -303,7 +293,6 @@ def average(collected: Sequence[Collected]) -> Collected:
         areas,
         bins[few],
         np.concatenate([c.normals for c in collected])[few],
-        np.concatenate([c.attributes for c in collected])[few],
         np.concatenate([c.leaves for c in collected])[few],
     )
 
@@ -317,6 +306,5 @@ def gather_coverage(collected: Sequence[Collected]) -> Coverage:
         areas=np.concatenate([np.zeros(0, np.float32), *(c.areas for c in collected)]),
         begin=ends.astype(np.int32),
         normals=np.rint(127.0 * normals).astype(np.int8).ravel(),
-        attributes=np.concatenate([np.zeros(0), *(c.attributes.ravel() for c in collected)]),
         leaves=np.concatenate([np.zeros(0), *(c.leaves for c in collected)]).astype(np.int32),
     )

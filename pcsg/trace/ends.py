@@ -8,8 +8,6 @@ followed along with the ray, level by level.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,22 +64,19 @@ def go_down(linear: NDArray[np.float64], level: int, m: Affine) -> None:
 
 
 @njit(inline=True)
-def world_size(linear: NDArray[np.float64], level: int, box: NDArray[np.float64]) -> float:
-    """Return the diameter in the world of a box at a level, about.
-
-    The slab of an axis is as thick as its local thickness over the length of the axis' row,
-    whatever the matrix; together they give the diagonal where the rows are at right angles.
-    """
-    at = LEVEL * level + 9
-    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
-    return math.sqrt(x * x * linear[at] + y * y * linear[at + 1] + z * z * linear[at + 2])
-
-
-@njit(inline=True)
 def squared_size(
     linear: NDArray[np.float64], level: int, sizes: NDArray[np.float64], index: int
 ) -> float:
-    """Return the square of `world_size` by the squares of a box's sides, ``sizes[3 index:]``."""
+    """Return about the square of the diameter in the world of a box at a level.
+
+    The slab of an axis is as thick as its local thickness over the length of the axis' row,
+    whatever the matrix; together they give the diagonal where the rows are at right angles.
+
+    Parameters
+    ----------
+    sizes, index
+        Squares of the box's sides are ``sizes[3 index:]``.
+    """
     at = place(LEVEL * level + 9)
     side = place(3 * index)
     squared: float = (

@@ -19,12 +19,13 @@ from pcsg.graph.states import Combine, LeafItem, LeafStep, OperationStep, StateG
 from pcsg.simd import WIDTH
 from pcsg.vec import IDENTITY, Affine
 
-BLOCK, INSTANCE, SUSPENDED, LEAF, OPERATION, SMALL, LAZY_LEAF, EMPTY = range(8)
+BLOCK, INSTANCE, SUSPENDED, LEAF, OPERATION, SMALL = range(6)
+EMPTY = bvh.EMPTY
 """Kinds of references. SMALL is an operation as a truth table, BLOCK leads to further references,
 SUSPENDED is an instance of a state that is expanded when a ray comes by (`expand.cache`);
 groups themselves have neither."""
 
-assert (BLOCK, EMPTY) == (bvh.BLOCK, bvh.EMPTY)
+assert BLOCK == bvh.BLOCK
 
 
 class Reference(NamedTuple):
@@ -80,15 +81,12 @@ class Groups:
         What references point at.
     root
         The group of the axiom, -1 if it is empty.
-    parts
-        The groups of the states that the axiom is made of, in order; -1 for empty ones.
     """
 
     groups: list[tuple[Reference, ...]] = field(default_factory=list)
     operations: list[OperationRecord] = field(default_factory=list)
     leaves: list[LeafRecord] = field(default_factory=list)
     root: int = -1
-    parts: list[int] = field(default_factory=list)
 
 
 def gather(states: StateGraph, hulls: Hulls) -> Groups:
@@ -109,10 +107,6 @@ class _Gatherer:
             self.of_state[k] = self._expand(k)
         if self.of_state[0]:
             self.found.root = self._group(self.of_state[0])
-        for item in self.states.states[0].content or ():
-            if isinstance(item, StateItem):
-                refs = self.of_state[item.state]
-                self.found.parts.append(self._group(refs) if refs else -1)
         return self.found
 
     def _expand(self, k: int) -> tuple[Reference, ...]:

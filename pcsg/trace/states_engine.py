@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pcsg.leaf.registry import ANY, Pool
 from pcsg.trace.blocks import Blocks
 from pcsg.trace.coverage import Footprint
-from pcsg.trace.hits import Crossings, Hits, Spans
+from pcsg.trace.hits import Crossings, Hits
 from pcsg.trace.pool import ModelPool
 from pcsg.trace.rays import Pace, Rays, count_processors, shape_rays
 from pcsg.trace.traversal import HIT, MISS, UNDECIDED, VISITS, Scratch, Trees
@@ -66,8 +66,8 @@ class StatesEngine:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of blocks."""
-        return {"blocks": self.blocks.n_blocks}
+        """What the blocks consist of, see `Blocks.contents`."""
+        return self.blocks.contents
 
     @property
     def profile(self) -> dict[str, float]:
@@ -133,14 +133,6 @@ class StatesEngine:
         if len(walked):
             out[walked] = self.walker.find_occlusion(rays.take(walked))
         return out
-
-    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Find whether the solid contains points (N, 3)."""
-        return self.walker.contains(points)
-
-    def spans(self, origins: ArrayLike, directions: ArrayLike) -> Spans:
-        """Find all inside intervals of every ray, on the whole line."""
-        return self.walker.spans(origins, directions)
 
     def find_crossings(self, rays: Rays) -> Crossings:
         """Find all crossings of checked rays; only those that meet something are walked."""

@@ -114,12 +114,9 @@ class StatesTracer(StatesEngine):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of blocks; of suspended states, and how often one has been expanded."""
-        found = super().counts
-        if self._suspended is None:
-            return found
-        expansions = self._suspended.count(EXPANSIONS)
-        return {**found, "suspended": self._suspended.n_suspended, "expansions": expansions}
+        """What the blocks consist of, and how often a suspended state has been expanded."""
+        expansions = 0 if self._suspended is None else self._suspended.count(EXPANSIONS)
+        return {**super().counts, "expansions": expansions}
 
     @property
     def profile(self) -> dict[str, float]:
@@ -386,7 +383,7 @@ class StatesTracer(StatesEngine):
             if kept is not None:
                 leaves += n * len(kept)
                 kept.append(out)
-            return Sampled(answers == HIT, out.normal, np.zeros((n, 0)), leaves)
+            return Sampled(answers == HIT, out.normal, leaves)
 
         return cast
 

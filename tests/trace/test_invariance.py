@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import oracle
 import pytest
-from agreement import make_lazy
+from agreement import make_suspended
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -49,8 +49,8 @@ SCENES = {
     "blob": r"""{} SIZE (blob { point(1.5) + move(1,0,0) segment(1,0.4) } \ move(1,0,0) sphere
         | uscale(0.3) box)""",
 }
-LAZY = ("operations", "sponge", "sierpinski")
-"""Those of whose states the engine of lazy ones is made; it cannot do without modules."""
+SUSPENDED = ("operations", "sponge", "sierpinski")
+"""Those whose states are suspended, too."""
 
 POWERS = (-60, -33, -1, 24, 60)
 
@@ -89,8 +89,8 @@ def tracers(name: str, size: float) -> dict[str, Any]:
     made: dict[str, Any] = {
         engine: Scene(graph_of(name, size), engine=engine) for engine in ("states", "cyclic")
     }
-    if name in LAZY:
-        made["lazy"] = make_lazy(graph_of(name, size), block_memory=50_000)
+    if name in SUSPENDED:
+        made["suspended"] = make_suspended(graph_of(name, size), block_memory=50_000)
     return made
 
 

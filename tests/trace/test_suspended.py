@@ -15,9 +15,11 @@ from agreement import Judge, cast, make_suspended
 from hypothesis import assume, event, given, settings
 from hypothesis import strategies as st
 
-from pcsg.errors import EvaluationFault
+from pcsg.errors import EvaluationFault, UsageError
 from pcsg.grammar import load_file, load_text
-from pcsg.graph.graph import Graph
+from pcsg.graph.graph import GLOBALS, Graph
+from pcsg.graph.parametric_bounds import bound_rules
+from pcsg.graph.ranges import Ranges
 from pcsg.scene import Scene
 from pcsg.trace.expand import suspended
 from pcsg.trace.expand.partial import NotSuspended
@@ -36,6 +38,24 @@ PLANT if(n > 0, 2, 1)
      | ({s = rand(s,2)} rotz(360*rand(s,3)) rotx(-15 - 35*rand(s,4)) uscale(0.7) PLANT)
        \\ move(0,0,0.2) uscale(rand(s,9)/5) sphere )
 """
+
+
+PLANT = """
+{n = %d; s = SEED} PLANT
+PLANT if(n > 0, 2 + (n < 5)*floor(1.3*rand(s, 9)), 1)
+1: PLANT -> limb | move(0,0,1) color(0.2, rand(s, 7), 0.1) label(n) leaf
+2: PLANT -> limb | {n = n-1} move(0,0,1) (
+       {s = rand(s,1)} rotz(360*rand(s,3)) rotx(15 + 35*rand(s,4)) uscale(0.7 + 0.1*rand(s,5)) PLANT
+     | {s = rand(s,2)} rotz(360*rand(s,3)) rotx(-15 - 35*rand(s,4)) uscale(0.7) PLANT )
+3: PLANT -> {n = n-1} ( scale(0.1,0.1,1) cone(rand(s, 1)) | move(0,0,1) rot(40*s, 1,s,0) PLANT )
+limb = scale(0.06, 0.06, 1) cylinder | move(0,0,1) uscale(0.06) sphere
+leaf = scale(0.12, 0.05, 0.5) move(0,0,1) (sphere & move(0.3,0,0) sphere)
+"""
+"""Unions of modules; its leaves and limbs are the same everywhere."""
+
+
+def plant(order: int) -> Graph:
+    return load_text(PLANT % order)
 
 
 def carved(order: int) -> Graph:
@@ -111,17 +131,25 @@ def test_answers_hardly_depend_on_memory() -> None:
         np.testing.assert_allclose(found[0].t[met], other.t[met], rtol=1e-12)
 
 
+def terrain(order: int) -> Graph:
+    return load_file(GRAMMARS / "terrain.pcsg").override({"cnt": float(order)})
+
+
 @pytest.mark.parametrize("block_memory", [0, 50_000])
-def test_operations_are_answered_as_the_walker_does(block_memory: int) -> None:
-    graph = carved(6)
+@pytest.mark.parametrize(
+    "graph", [carved(6), plant(7), terrain(5)], ids=["carved", "plant", "terrain"]
+)
+def test_rays_find_what_the_walker_does(graph: Graph, block_memory: int) -> None:
     tracer, walker = make_suspended(graph, block_memory=block_memory), Walker(graph)
     origins, directions = rays_about(3_000)
+    if "z1" in graph.slots:
+        origins, directions = origins * 0.2 + (0.5, 0.5, 0.0), directions * (0.1, 0.1, 0.2)
     outside = walker.intersect(origins, directions)
     # Half of the rays start within solids.
     inside = np.flatnonzero(outside.mask)
     origins[inside[::2]] = (outside.position + 1e-3 * directions)[inside[::2]]
     a, b = tracer.intersect(origins, directions), walker.intersect(origins, directions)
-    assert b.mask.sum() > 300
+    assert b.mask.sum() > 200
     assert (a.leaf == b.leaf).all() and (a.label == b.label).all()
     met = b.mask
     np.testing.assert_allclose(a.t[met], b.t[met], rtol=1e-9, atol=1e-9)
@@ -138,6 +166,27 @@ def test_a_scene_of_too_many_carved_states_is_not_walked() -> None:
     stats = scene.stats()
     assert stats["suspended"] > 100 and stats["expansions"] > 100
     assert stats["bytes"]["blocks"] <= 2 << 20
+    assert isinstance(Scene(carved(16), engine="cyclic").tracer, Walker)
+
+
+def test_what_cannot_be_suspended_is_walked_and_says_why() -> None:
+    # A half-space at every place has no bounds, and there is no end of them.
+    text = "{n=1} A\nA 1 + (n < 0)\n2: A -> box\n" + (
+        "1: A -> (sphere & move(n,0,0) halfspace) | halfspace | {n=n+1} move(1,0,0) A\n"
+    )
+    scene = Scene(load_text(text), block_memory=0)
+    assert isinstance(scene.tracer, Walker)
+    with pytest.raises(UsageError, match="without bounds"):
+        Scene(load_text(text), engine="states", block_memory=0)
+
+
+def test_what_leads_back_to_itself_is_walked_and_says_why() -> None:
+    text = "{c=1} S\nS 1 + c\n1: S -> sphere\n" + (
+        "2: S -> box | {c=2} uscale(0.5) S\n3: S -> {c=1} move(1,0,0) S\n"
+    )
+    assert isinstance(Scene(load_text(text)).tracer, Walker)
+    with pytest.raises(UsageError, match="leads back to itself with the same values"):
+        Scene(load_text(text), engine="states")
 
 
 def test_the_frame_of_the_world_is_passed_on() -> None:
@@ -161,6 +210,29 @@ def test_a_fault_is_told_by_the_walker() -> None:
         tracer.intersect(*rays_about(4_000))
 
 
+def test_a_fault_in_a_colour_is_told() -> None:
+    text = (PLANT % 9).replace("color(0.2, rand(s, 7), 0.1)", "color(0.2, 1/(0*s), 0.1)")
+    with pytest.raises(EvaluationFault, match="not a finite number"):
+        make_suspended(load_text(text)).intersect(*rays_about(2_000))
+
+
+def test_a_terrain_has_few_entries_and_boxes_that_follow_its_corners() -> None:
+    graph = terrain(10)
+    ranges = Ranges(graph, True)
+    assert ranges.run(GLOBALS)
+    found = bound_rules(ranges)
+    assert len(found) == 24
+    heights = tuple(graph.slots[name] for name in ("z1", "z2", "z3"))
+    sides = {key: bounds.sides.sides for (key, _), bounds in found.items()}
+    triangles = {key: own for key, own in sides.items() if own[5].group}
+    # The largest have corners that are known.
+    assert len(triangles) == 20
+    for (_, (order,)), own in triangles.items():
+        assert own[2].group == own[5].group == heights
+        # A single displacement can be 0.6 * 0.47^k upwards and no more than half of it downwards.
+        assert own[5].shift < 1.2 * 0.47 ** (10 - order)
+
+
 def test_what_is_smaller_than_a_pixel_covers_as_much_as_it_does() -> None:
     origins, directions, footprint = seen_from_afar(8, (0.0, 0.0, 2.0), 0.12, 40_000)
     tracer = make_suspended(opened(10), threads=1, block_memory=400_000)
@@ -178,7 +250,7 @@ def test_what_is_smaller_than_a_pixel_covers_as_much_as_it_does() -> None:
 
 
 def test_a_surface_ends_in_its_terminating_rule() -> None:
-    graph = load_file(GRAMMARS / "terrain.pcsg").override({"cnt": 9.0})
+    graph = terrain(9)
     origins, directions, footprint = seen_from_afar(40, (0.5, 0.5, 0.1), 0.03, 40_000)
     tracer = make_suspended(graph, block_memory=1 << 20)
     whole = tracer.intersect(origins, directions)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import oracle
 import pytest
-from agreement import ENGINES, make_lazy
+from agreement import ENGINES, make_suspended
 
 import pcsg
 from pcsg.grammar import load_text
@@ -55,7 +55,7 @@ def test_what_is_thinner_than_the_tolerance_is_seen_where_it_stands_alone(
     d = np.array([0.1, 0.0, -1.0])
     tracers = [pcsg.loads(text, engine=engine) for engine in ("states", "cyclic")]
     if "A ->" in text:
-        tracers.append(make_lazy(load_text(text)))
+        tracers.append(make_suspended(load_text(text)))
     for tracer in tracers:
         np.testing.assert_allclose(
             tracer.intersect(o, d).t, o[:, 2] - size, rtol=1e-12, err_msg=str(tracer)

@@ -21,6 +21,7 @@ from pcsg.trace.expand.table import (
     N_ITEMS,
     N_MATRICES,
     N_NUMBERS,
+    N_STATES,
     N_WAITING,
     STATE,
     Table,
@@ -100,7 +101,9 @@ def fill_best_first(
             return DONE
         if not has_room(programs, table):
             return FULL
-        used = REFERENCE_BYTES * counters[N_ITEMS] + 8.0 * counters[N_NUMBERS]
+        # What leads to a state that has been expanded goes when that is flattened.
+        references = counters[N_ITEMS] + size[0] - counters[N_STATES]
+        used = REFERENCE_BYTES * references + 8.0 * counters[N_NUMBERS]
         used += bytes_suspended * size[0]
         if used > budget and frontier.areas[0] < math.inf:
             return DONE

@@ -37,7 +37,7 @@ TOLERANCE = 0.01
 @njit
 def bound_leaf(programs: Programs, table: Table, i: int, m: Affine, work: LayoutWork) -> None:
     """Write the box of a leaf to `work.box`."""
-    bound_shape(programs, table, i, m, work.sides, work.box)
+    bound_shape(programs, table, i, m, work.box)
 
 
 @njit

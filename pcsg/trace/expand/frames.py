@@ -71,7 +71,7 @@ def find_frames(
         return Frames(np.zeros(0), np.zeros(0), np.zeros(0))
     frames = Frames(np.zeros(6 * n), np.zeros(n), np.full(3 * n, np.nan))
     skipped = np.zeros(2 * programs.n_operations + 2, np.int32)
-    measure_boxes(programs, table, leaves, order, frames, skipped, np.zeros(6), np.zeros(6))
+    measure_boxes(programs, table, leaves, order, frames, skipped, np.zeros(6))
     return frames
 
 
@@ -176,13 +176,12 @@ def measure_boxes(
     frames: Frames,
     skipped: NDArray[np.int32],
     box: NDArray[np.float64],
-    sides: NDArray[np.float64],
 ) -> None:
     """Fill in boxes and widths, from the leaves up; what is subtracted does not count.
 
     Parameters
     ----------
-    skipped, box, sides
+    skipped, box
         Working space.
     """
     for k in range(table.counters[N_STATES]):
@@ -206,7 +205,7 @@ def measure_boxes(
                 if table.matrix[i] >= 0:
                     m = load_affine(table.matrices, 12 * table.matrix[i])
                 if kind == LEAF:
-                    bound_shape(programs, table, i, m, sides, box)
+                    bound_shape(programs, table, i, m, box)
                     width = max(box[3] - box[0], box[4] - box[1], box[5] - box[2])
                 else:
                     at = 6 * target

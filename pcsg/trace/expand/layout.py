@@ -110,8 +110,8 @@ class LayoutWork(NamedTuple):
         Their matrices, and the areas of the boxes of instances.
     bits : uint64
         `Table.numbers` as bits.
-    box, sides : float64
-        Room for a box, and what `bound_part` needs.
+    box, moved : float64 (6,)
+        Room for a box, and for one in another frame.
     defaults : float64 (7,)
         Of attributes.
     """
@@ -132,7 +132,7 @@ class LayoutWork(NamedTuple):
     opened_areas: NDArray[np.float64]
     bits: NDArray[np.uint64]
     box: NDArray[np.float64]
-    sides: NDArray[np.float64]
+    moved: NDArray[np.float64]
     defaults: NDArray[np.float64]
 
 

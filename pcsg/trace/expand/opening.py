@@ -107,8 +107,8 @@ def _copy_list(layout: Layout, work: LayoutWork, first: int, end: int, m: Affine
         store_affine(work.opened_matrices, 12 * to, own)
         work.opened_areas[to] = 0.0
         if layout.codes[row] & 7 == INSTANCE:
-            bound_box(m, layout.boxes, 6 * row, 0.0, 0.0, 0.0, np.inf, work.sides, 0)
-            work.opened_areas[to] = half_area(work.sides, 0)
+            bound_box(m, layout.boxes, 6 * row, 0.0, 0.0, 0.0, np.inf, work.moved, 0)
+            work.opened_areas[to] = half_area(work.moved, 0)
         to += 1
     return to
 

@@ -220,7 +220,7 @@ def make_layout_work(depth: int, most: int, table: Table) -> LayoutWork:
         opened_areas=np.zeros(2 * most),
         bits=table.numbers.view(np.uint64),
         box=np.zeros(6),
-        sides=np.zeros(6),
+        moved=np.zeros(6),
         defaults=np.array(ATTRIBUTE_DEFAULTS),
     )
 

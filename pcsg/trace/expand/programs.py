@@ -9,6 +9,7 @@ meets.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Collection, Sequence
 from itertools import pairwise
@@ -42,7 +43,6 @@ from pcsg.trace.expand.straight import (
     Straight,
 )
 from pcsg.trace.pool import ModelPool
-from pcsg.trace.rulebook import ball_of
 from pcsg.vec import IDENTITY, Affine
 
 # Operations of a program's steps.
@@ -212,7 +212,7 @@ class ProgramWriter:
             starts=np.array(starts, np.int32),
             live_at=np.array(live_at, np.int32),
             live=np.array(live or [0], np.int32),
-            modules=np.array(modules or [0], np.int32),
+            modules=np.array(modules, np.int32),
             rules=np.array(rules or [0], np.int32),
             sources=self._with_literals(self._sources or [0]),
             calls=np.array(self._calls or [0], np.int32),
@@ -448,7 +448,7 @@ class ProgramWriter:
             return SUPPORT, 0
         box = model.bounds if model else solid.bounds
         sides = (*box.lower, *box.upper)
-        center, radius = (None if has_data else solid.ball) or ball_of(sides)
+        center, radius = (None if has_data else solid.ball) or _ball_of(sides)
         self._shapes += [*sides, *center, radius]
         return BALL, at
 
@@ -484,3 +484,12 @@ class ProgramWriter:
         if not isinstance(node, Selection):
             return n, 0, start
         return n, [k for k, r in node.rules.items() if self.graph.number[r] == start][alike], start
+
+
+def _ball_of(box: Sequence[float]) -> tuple[tuple[float, float, float], float]:
+    """Return centre and radius of the ball around a box."""
+    if not np.isfinite(box).all():
+        return (0.0, 0.0, 0.0), math.inf
+    lower, upper = np.array(box[:3]), np.array(box[3:])
+    x, y, z = (lower + upper) / 2.0
+    return (float(x), float(y), float(z)), float(np.linalg.norm(upper - lower)) / 2.0 * (1 + 1e-15)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcsg.jit import njit
-from pcsg.trace.bounding import SUPPORT, bound_by_support, bound_part
+from pcsg.trace.bounding import SUPPORT, bound_by_support, bound_solid
 from pcsg.trace.expand.programs import L_SHAPE, L_SHAPE_AT, L_SOLID, LEAF_FIELDS, Programs
 from pcsg.trace.expand.table import Table
 from pcsg.vec import Affine
@@ -20,17 +20,16 @@ def bound_shape(
     table: Table,
     i: int,
     m: Affine,
-    sides: NDArray[np.float64],
     box: NDArray[np.float64],
 ) -> None:
-    """Write the box of a leaf; `sides` is working space."""
+    """Write the box of a leaf."""
     leaf = LEAF_FIELDS * table.target[i]
     shape, at = programs.leaves[leaf + L_SHAPE], programs.leaves[leaf + L_SHAPE_AT]
     if shape == SUPPORT:
         at = table.numbers_at[i]
         bound_by_support(programs.leaves[leaf + L_SOLID], m, table.numbers, at, box)
     else:
-        bound_part(shape, m, programs.shapes, at, table.numbers, 0, sides, box)
+        bound_solid(shape, m, programs.shapes, at, box)
 
 
 @njit
