@@ -43,7 +43,7 @@ SUBJECTS: tuple[Subject, ...] = (
     mesh.MESH,
     operations.OPERATIONS,
     scattered.SCATTERED,
-    detail.LAZY,
+    detail.SUSPENDED,
     detail.DETAIL,
     pictures.PICTURES,
     pictures.STARTUP,

@@ -24,8 +24,8 @@ TARGETS: tuple[tuple[str, float | None, float | None], ...] = (
     ("fig 5a", None, None),
     ("tree", None, None),
     ("Menger 3", None, None),
-    ("terrain 8", None, None),
-    ("terrain 8, unrolled", 0.4, None),
+    ("terrain 8", 0.4, 0.3),
+    ("terrain 10", 0.4, 0.3),
 )
 TINY: tuple[tuple[str, float | None, float | None], ...] = (
     ("Sierpinski 4", 0.8, 0.8),

@@ -164,9 +164,6 @@ SCENES: dict[str, Subjected] = {
         )
         for n in (3, 8, 10, 14, 20)
     },
-    "terrain 8, unrolled": Subjected(
-        _file("terrain"), {"cnt": 8.0}, _terrain, block_memory=64 << 20
-    ),
     **{f"Menger {n}": Subjected(_file("menger"), {"n": float(n)}) for n in range(1, 7)},
     "sphere minus 1,000": Subjected(_bitten_ball),
     "500 & 500 boxes": Subjected(_crossed_boxes),
