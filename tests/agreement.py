@@ -262,9 +262,11 @@ class Judge:
                 level = abs(np.dot(n, local_o) - c) <= hair
                 if level and abs(np.dot(n, local_d)) <= 1e-6 * np.linalg.norm(local_d):
                     return True
+        # A ray that touches a ball of radius 1, moved by a hair, meets it at about this angle.
+        angle = 2.0 * math.sqrt(2.0 * HAIR)
         size = float(np.linalg.norm(d))
         return any(
-            math.isfinite(e.t) and abs(np.dot(e.normal, d)) <= 1e-6 * size
+            math.isfinite(e.t) and abs(np.dot(e.normal, d)) <= angle * size
             for alone in self.alone()
             for other in (ray, *nearby(ray))
             for e in oracle.events(alone, *other)

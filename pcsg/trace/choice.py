@@ -125,7 +125,9 @@ class EngineChoice:
         given = self._limits.block_memory
         memory = SUSPENDED_MEMORY if given is None else given
         try:
-            expansion = PartialExpansion(self.graph, self.values, pool_of(self.graph), memory)
+            expansion = PartialExpansion(
+                self.graph, self.values, pool_of(self.graph), memory, self._preparation(0.0, 0.4)
+            )
         except NotSuspended as reason:
             self.states = enumerate_states(self.graph, self.values, WHOLE_BUDGET)
             self._obstacle = (
@@ -211,7 +213,8 @@ class EngineChoice:
         """Return the tracer of a graph of which only the largest states are expanded."""
         from pcsg.trace.expand.suspended import SuspendedBlocks
 
-        suspended = SuspendedBlocks(expansion, self._limits.threads or count_processors())
+        threads = self._limits.threads or count_processors()
+        suspended = SuspendedBlocks(expansion, threads, self._preparation(0.4, 1.0))
         self._partial = None
         return StatesTracer(
             suspended.packed.blocks,

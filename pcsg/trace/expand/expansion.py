@@ -206,7 +206,7 @@ class Expansion:
             if status == FULL:
                 if self.n_states > MOST_SELECTIONS and self._is_too_deep():
                     return False
-                used = _used_bytes(self.table)
+                used = used_bytes(self.table)
                 if used > max_bytes:
                     raise TooLarge
                 # For a moment what grows is there twice.
@@ -381,7 +381,7 @@ def _used(table: Table) -> dict[str, int]:
     }
 
 
-def _used_bytes(table: Table) -> int:
+def used_bytes(table: Table) -> int:
     """Return how much memory a table takes; pages that nobody writes to take none."""
     arrays = table._asdict()
     used = sum(n * arrays[name].itemsize for name, n in _used(table).items())

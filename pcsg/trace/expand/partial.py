@@ -12,9 +12,10 @@ from pcsg.graph.ranges import Ranges
 from pcsg.trace.expand.best_first import Frontier, fill_best_first
 from pcsg.trace.expand.clusters import BOUNDS
 from pcsg.trace.expand.entries import Entries, pack_entries
-from pcsg.trace.expand.expansion import SLICE, Expansion, grow_table
+from pcsg.trace.expand.expansion import SLICE, Expansion, grow_table, used_bytes
 from pcsg.trace.expand.table import DONE, FAULT, FULL, Table
 from pcsg.trace.pool import ModelPool
+from pcsg.trace.preparing import UNLIMITED, Preparation
 
 _FORCED = 64 << 20
 """Bytes of states without bounds, which are expanded whatever the budget is."""
@@ -37,6 +38,8 @@ class PartialExpansion(Expansion):
         Receives the models of leaves with data.
     memory
         Bytes of what is made of the states; states beyond are suspended: `table.first` is -1.
+    preparation
+        Is told how far it is, and asked for memory.
 
     Attributes
     ----------
@@ -56,9 +59,14 @@ class PartialExpansion(Expansion):
     frontier: Frontier
 
     def __init__(
-        self, graph: Graph, values: Mapping[str, float], models: ModelPool, memory: int
+        self,
+        graph: Graph,
+        values: Mapping[str, float],
+        models: ModelPool,
+        memory: int,
+        preparation: Preparation = UNLIMITED,
     ) -> None:
-        super().__init__(graph, values, models, memory)
+        super().__init__(graph, values, models, memory, preparation=preparation)
         if self.order is None:
             raise NotSuspended("a module leads back to itself with the same values")
 
@@ -80,6 +88,7 @@ class PartialExpansion(Expansion):
         self.frontier = _make_frontier(len(self.table.program))
         work = self.make_work()
         while True:
+            self._preparation.tell(used_bytes(self.table) / max(1, max_bytes))
             status = fill_best_first(
                 programs,
                 self.entries,
@@ -97,6 +106,8 @@ class PartialExpansion(Expansion):
             if status == FAULT:
                 raise NotSuspended("there is no end of solids without bounds")
             if status == FULL:
+                # For a moment what grows is there twice.
+                self._preparation.require(2 * used_bytes(self.table))
                 self.table = grow_table(programs, self.table)
                 self.frontier = _grow_frontier(self.frontier, len(self.table.program))
 

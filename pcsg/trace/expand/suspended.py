@@ -41,6 +41,7 @@ from pcsg.trace.expand.programs import L_ARGS, LEAF_FIELDS
 from pcsg.trace.expand.table import N_ATTRIBUTES, Table
 from pcsg.trace.found import Found
 from pcsg.trace.groups import SUSPENDED
+from pcsg.trace.preparing import UNLIMITED, Preparation
 from pcsg.trace.traversal import EXPANDER, IS_FULL, WORDS, Scratch, Trees, make_scratch
 from pcsg.vec import IDENTITY
 
@@ -84,6 +85,8 @@ class SuspendedBlocks:
         The largest states; it is used up.
     threads
         Most threads that work at the same time.
+    preparation
+        Is told how far it is, and asked for memory.
 
     Attributes
     ----------
@@ -95,11 +98,13 @@ class SuspendedBlocks:
         Most arguments of a leaf.
     """
 
-    def __init__(self, expansion: PartialExpansion, threads: int) -> None:
+    def __init__(
+        self, expansion: PartialExpansion, threads: int, preparation: Preparation = UNLIMITED
+    ) -> None:
         self._expansion = expansion
         self._threads = threads
         table, n_states = expansion.table, expansion.n_states
-        self.packed = pack_expansion(expansion)
+        self.packed = pack_expansion(expansion, preparation)
         blocks = self.packed.blocks
         references = blocks.refs[(blocks.refs & 7) == SUSPENDED] >> 3
         # Only those count that something refers to.
