@@ -271,7 +271,10 @@ def test_stats(run):
     result = run("stats", "ball.pcsg", "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["primitives"] == 1
-    assert "primitives" in run("stats", "ball.pcsg").stdout
+    told = run("stats", "ball.pcsg").stdout
+    for what in ("primitives", "clusters", "instances", "flattened leaves", "suspended"):
+        assert what in told
+    assert {"bytes", "blocks", "expansions"} <= set(json.loads(result.stdout))
 
 
 def test_stats_tell_where_a_mesh_is_open_and_what_was_mended(run, tmp_path):
@@ -387,7 +390,8 @@ def test_warmup_tells_what_it_has_compiled(run):
 def test_a_profile_tells_what_rays_visit(run):
     result = run("render", "ball.pcsg", "--size", "16x16", "--profile")
     assert result.exit_code == 0
-    assert "rays; on average a ray visits" in result.output and "blocks" in result.output
+    assert "rays; on average a ray visits" in result.output
+    assert "of 1 blocks, 0 clusters, 0 instances, 1 flattened leaves, 0 suspended" in result.output
     walked = run("render", "ball.pcsg", "--size", "16x16", "--profile", "--engine", "cyclic")
     assert "keeps no profile" in walked.output
 

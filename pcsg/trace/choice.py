@@ -126,7 +126,7 @@ class EngineChoice:
         memory = SUSPENDED_MEMORY if given is None else given
         try:
             expansion = PartialExpansion(
-                self.graph, self.values, pool_of(self.graph), memory, self._preparation(0.0, 0.4)
+                self.graph, self.values, pool_of(self.graph), memory, self._preparation(0.4, 0.5)
             )
         except NotSuspended as reason:
             self.states = enumerate_states(self.graph, self.values, WHOLE_BUDGET)
@@ -214,7 +214,7 @@ class EngineChoice:
         from pcsg.trace.expand.suspended import SuspendedBlocks
 
         threads = self._limits.threads or count_processors()
-        suspended = SuspendedBlocks(expansion, threads, self._preparation(0.4, 1.0))
+        suspended = SuspendedBlocks(expansion, threads, self._preparation(0.5, 1.0))
         self._partial = None
         return StatesTracer(
             suspended.packed.blocks,

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import strategies as cases
-from agreement import make_expanded
+from agreement import make_expanded, make_states, make_suspended
+from consistency import opened
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -306,6 +307,17 @@ def test_memory_bounds_the_table() -> None:
     with pytest.raises(TooLarge):
         expand(load_text(scatter(100_000)), 1 << 20)
     assert pcsg.loads(scatter(3_000), block_memory=1 << 16).stats()["suspended"] > 50
+
+
+def test_blocks_tell_what_they_consist_of() -> None:
+    text = "{} A | move(9,0,0) A | (box \\ sphere)\n1: A -> sphere | move(2,0,0) box"
+    whole = make_states(load_text(text)).counts
+    assert (whole["clusters"], whole["instances"], whole["flattened_leaves"]) == (0, 0, 6)
+    with opened(0, 0):
+        closed = make_states(load_text(text)).counts
+    assert (closed["clusters"], closed["instances"], closed["flattened_leaves"]) == (1, 2, 4)
+    assert whole["suspended"] == closed["suspended"] == 0
+    assert make_suspended(load_text(text)).counts["suspended"] > 0
 
 
 def test_what_is_empty_meets_nothing() -> None:

@@ -17,6 +17,8 @@ from pcsg.cli import app
 from pcsg.commands import progress, render, scenes, stats
 from pcsg.errors import EnvironmentFault
 from pcsg.render.job import Job
+from pcsg.trace.expand.partial import PartialExpansion
+from pcsg.trace.pool import ModelPool
 from pcsg.trace.preparing import Preparation, watched
 
 BALLS = """
@@ -37,6 +39,22 @@ def test_preparation_tells_its_share() -> None:
     assert len(told) > 10 and 0 < table < len(told)
     assert shares == sorted(shares) and shares[0] >= 0.0 and shares[-1] <= 1.0
     assert sum(share > 0.4 for share in shares) > 5 and shares[-1] > 0.9
+
+
+def test_preparation_of_suspended_states_tells_its_share_and_asks_for_memory() -> None:
+    told: list[float | None] = []
+    grammar = Path(__file__).parents[2] / "grammars" / "terrain.pcsg"
+    with watched(told.append):
+        scene = pcsg.load(grammar, parameters={"cnt": 12.0}, block_memory=8 << 20)
+        table = len(told)
+        assert scene.tracer.counts["suspended"] > 1_000  # type: ignore[union-attr]
+    shares = [share for share in told if share is not None]
+    assert 0 < table < len(told)
+    assert shares == sorted(shares) and shares[0] >= 0.0 and shares[-1] > 0.5
+    with pytest.raises(EnvironmentFault, match="only"):
+        PartialExpansion(
+            scene.graph, scene.values, ModelPool(), 64 << 20, Preparation(max_bytes=1 << 20)
+        )
 
 
 def test_nobody_else_is_told() -> None:
