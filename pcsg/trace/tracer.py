@@ -115,17 +115,16 @@ class StatesTracer(StatesEngine):
     @property
     def counts(self) -> dict[str, int]:
         """What the blocks consist of, and how often a suspended state has been expanded."""
-        expansions = 0 if self._suspended is None else self._suspended.count(EXPANSIONS)
-        return {**super().counts, "expansions": expansions}
+        return {**super().counts, "expansions": self._expansions}
 
     @property
     def profile(self) -> dict[str, float]:
         """As for `StatesEngine`, and how many states a ray has expanded."""
-        found = super().profile
-        if self._suspended is None:
-            return found
-        expansions = self._suspended.count(EXPANSIONS)
-        return {**found, "expansions": expansions / max(1, self._rays)}
+        return {**super().profile, "expansions": self._expansions / max(1, self._rays)}
+
+    @property
+    def _expansions(self) -> int:
+        return 0 if self._suspended is None else self._suspended.count(EXPANSIONS)
 
     def _find_hits(self, rays: Rays, footprint: Footprint | None) -> Hits:
         args = 0 if self._suspended is None else self._suspended.args
