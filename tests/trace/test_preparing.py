@@ -18,7 +18,7 @@ from pcsg.commands import progress, render, scenes, stats
 from pcsg.errors import EnvironmentFault
 from pcsg.render.job import Job
 from pcsg.trace.expand.partial import PartialExpansion
-from pcsg.trace.pool import ModelPool
+from pcsg.trace.pool import make_pool
 from pcsg.trace.preparing import Preparation, watched
 
 BALLS = """
@@ -53,7 +53,11 @@ def test_preparation_of_suspended_states_tells_its_share_and_asks_for_memory() -
     assert shares == sorted(shares) and shares[0] >= 0.0 and shares[-1] > 0.5
     with pytest.raises(EnvironmentFault, match="only"):
         PartialExpansion(
-            scene.graph, scene.values, ModelPool(), 64 << 20, Preparation(max_bytes=1 << 20)
+            scene.graph,
+            scene.values,
+            make_pool(scene.graph),
+            64 << 20,
+            Preparation(max_bytes=1 << 20),
         )
 
 
