@@ -11,16 +11,12 @@ from pcsg.editors.pygments import PcsgLexer
 from pcsg.editors.textmate import SCOPES, make_grammar
 from pcsg.editors.vocabulary import kinds_of
 from pcsg.errors import Source
-from pcsg.grammar.tokens import tokenize, unfold
+from pcsg.grammar.tokens import tokenize, unfold_all
 
 
 def told(text: str) -> list[tuple[str, str]]:
     """Return every token as it is written, and what it is."""
-    tokens = [
-        p
-        for t in tokenize(Source("<text>", text))[0]
-        for p in (unfold(t) if t.type == "LITERALS" else (t,))
-    ]
+    tokens = unfold_all(tokenize(Source("<text>", text))[0])
     return [(text[t.start : t.end], k) for t, k in zip(tokens, kinds_of(tokens), strict=True)]
 
 

@@ -10,7 +10,7 @@ from pcsg.editors.symbols import MACRO, PARAMETER, SOLID, Names, Occurrence
 from pcsg.editors.vocabulary import is_word, kinds_of, vocabulary
 from pcsg.errors import Diagnostic
 from pcsg.grammar.check import CALLABLE
-from pcsg.grammar.colors import find_color
+from pcsg.grammar.colors import find_color, to_linear
 from pcsg.grammar.fields import FIELD_BLENDS, FIELD_UNARY
 from pcsg.grammar.tokens import CONSTANTS, Token
 from pcsg.graph.attributes import ATTRIBUTES
@@ -274,21 +274,16 @@ def _colour_at(tokens: Sequence[Token], in_brackets: bool) -> Colour | None:
     return None
 
 
-def shown(linear: float) -> float:
+def to_shown(linear: float) -> float:
     """Return a linear number as sRGB."""
     return 12.92 * linear if linear <= 0.0031308 else 1.055 * linear ** (1 / 2.4) - 0.055
-
-
-def linear(shown: float) -> float:
-    """Return a number of sRGB as a linear one."""
-    return shown / 12.92 if shown <= 0.04045 else ((shown + 0.055) / 1.055) ** 2.4
 
 
 def colour_text(rgb: Sequence[float], quoted: bool) -> str:
     """Return how a colour of sRGB is written in place of one."""
     if quoted:
         return '"#' + "".join(f"{round(255 * x):02x}" for x in rgb) + '"'
-    return "(" + ", ".join(f"{linear(x):.3g}" for x in rgb) + ")"
+    return "(" + ", ".join(f"{to_linear(x):.3g}" for x in rgb) + ")"
 
 
 # Repairs

@@ -22,7 +22,7 @@ from pygments.token import (
 from pcsg.blobtree.formulas import FUNCTIONS
 from pcsg.blobtree.plantsettings import SETTINGS
 from pcsg.errors import Source
-from pcsg.grammar.tokens import BETWEEN, Token, tokenize, unfold
+from pcsg.grammar.tokens import BETWEEN, Token, tokenize, unfold_all
 
 _TYPES: dict[str, Any] = {
     "setting": Keyword.Declaration,
@@ -58,11 +58,7 @@ class PcsgLexer(Lexer):  # type: ignore[misc]  # Pygments ships no types
         """Yield offset, type and text of every piece."""
         from pcsg.editors.vocabulary import kinds_of
 
-        tokens = [
-            part
-            for token in tokenize(Source("<text>", text))[0]
-            for part in (unfold(token) if token.type == "LITERALS" else (token,))
-        ]
+        tokens = unfold_all(tokenize(Source("<text>", text))[0])
         at = 0
         for token, kind in zip(tokens, kinds_of(tokens), strict=True):
             yield from _between(text, at, token.start)

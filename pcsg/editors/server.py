@@ -376,7 +376,7 @@ def _uses(files: Sequence[Names], found: Occurrence | None) -> list[Occurrence]:
 
 
 def _shown_colour(rgb: tuple[float, float, float]) -> lsp.Color:
-    from pcsg.editors.assistance import shown
+    from pcsg.editors.assistance import to_shown
 
-    red, green, blue = map(shown, rgb)
+    red, green, blue = map(to_shown, rgb)
     return lsp.Color(red, green, blue, 1.0)

@@ -15,8 +15,9 @@ from pcsg.editors.vocabulary import vocabulary
 from pcsg.errors import Diagnostic, Source, SourceSpan
 from pcsg.grammar.items import cut_items
 from pcsg.grammar.macros import Macro
-from pcsg.grammar.preprocess import read_source, take_directives
-from pcsg.grammar.tokens import Token, tokenize, unfold
+from pcsg.grammar.preprocess import ENDING, read_source, take_directives
+from pcsg.grammar.reach import Reach
+from pcsg.grammar.tokens import Token, tokenize, unfold_all
 from pcsg.graph.attributes import ATTRIBUTES
 from pcsg.graph.settings import SETTINGS, ValueKind
 
@@ -81,11 +82,7 @@ def names_of(source: Source, known: Sequence[Names] = ()) -> Names:
     known
         Other files of the grammar: their names tell what names here are.
     """
-    tokens = [
-        part
-        for token in tokenize(source)[0]
-        for part in (unfold(token) if token.type == "LITERALS" else (token,))
-    ]
+    tokens = unfold_all(tokenize(source)[0])
     # Those that are cut into items get other types on the way.
     found = Names(source, [copy(token) for token in tokens])
     if not tokens:
@@ -220,11 +217,14 @@ def files_of(source: Source, opened: dict[Path, str]) -> list[Names]:
     """
     sources = [source]
     seen: set[Path] = set()
+    reach = Reach.of(Path(source.folder), ())
     for known in sources:
         for path in names_of(known).includes:
-            place = path.resolve()
-            if place in seen or len(sources) >= MOST_FILES:
+            place = reach.find(path)
+            if place is None or place.suffix.lower() != ENDING or place in seen:
                 continue
+            if len(sources) >= MOST_FILES:
+                break
             seen.add(place)
             if place in opened:
                 sources.append(Source(str(path), opened[place], str(path.parent)))

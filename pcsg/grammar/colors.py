@@ -35,7 +35,7 @@ def find_color(text: str) -> tuple[float, ...] | None:
         return None
     size = (len(digits) - 1) // 3
     parts = (digits[1 + k * size : 1 + (k + 1) * size] * (3 - size) for k in range(3))
-    return tuple(_linear(int(part, 16) / 255.0) for part in parts)
+    return tuple(to_linear(int(part, 16) / 255.0) for part in parts)
 
 
 def read_color(text: str, span: SourceSpan) -> tuple[Expr, ...]:
@@ -55,7 +55,8 @@ def read_color(text: str, span: SourceSpan) -> tuple[Expr, ...]:
     return tuple(Number(x, span) for x in found)
 
 
-def _linear(shown: float) -> float:
+def to_linear(shown: float) -> float:
+    """Return a number of sRGB as a linear one."""
     return shown / 12.92 if shown <= 0.04045 else ((shown + 0.055) / 1.055) ** 2.4
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from pcsg.errors import GrammarError, Source
 from pcsg.grammar.items import mark_words
-from pcsg.grammar.tokens import BETWEEN, WORD_TYPES, Token, tokenize, unfold
+from pcsg.grammar.tokens import BETWEEN, WORD_TYPES, Token, tokenize, unfold_all
 from pcsg.graph.settings import SETTINGS
 
 TAB = 4
@@ -66,11 +66,7 @@ def format_text(source: Source) -> str:
     tokens, problems = tokenize(source)
     if problems:
         raise GrammarError(problems)
-    tokens = [
-        part
-        for token in tokens
-        for part in (unfold(token) if token.type == "LITERALS" else (token,))
-    ]
+    tokens = unfold_all(tokens)
     pieces = _pieces_of(source.text, tokens)
     mark_words(tokens)
     _space(pieces, _roomy_signs(tokens))

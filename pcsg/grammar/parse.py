@@ -22,7 +22,7 @@ from pcsg.grammar.literals import numbers_of
 from pcsg.grammar.messages import explain
 from pcsg.grammar.precedence import Signed, SyntaxFault, Term, combine_numbers, combine_solids
 from pcsg.grammar.syntax import Arguments, Name, Solid, Value
-from pcsg.grammar.tokens import CONSTANTS, Token, join, span_of, unfold
+from pcsg.grammar.tokens import CONSTANTS, Token, join, span_of, unfold_all
 from pcsg.graph.expr import Apply, Expr, Number, Parameter
 from pcsg.graph.transforms import TRANSFORMS
 
@@ -59,11 +59,7 @@ def parse_item(raw: RawItem, last: bool) -> tuple[syntax.Item, Diagnostic | None
 
 def _parse_slowly(raw: RawItem, kind: str, last: bool) -> tuple[syntax.Item, Diagnostic | None]:
     """Parse an item with Lark's loop, which knows what would have fitted."""
-    tokens = raw.tokens = [
-        part
-        for token in raw.tokens
-        for part in (unfold(token) if token.type == "LITERALS" else (token,))
-    ]
+    tokens = raw.tokens = unfold_all(raw.tokens)
     parser = _new_parser(kind)
     feed = parser.parser_state.feed_token
     at = -1

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from pcsg.catalogue import diagnose
 from pcsg.errors import Diagnostic, Source, SourceSpan
@@ -324,6 +324,11 @@ def unfold(token: Token) -> list[Token]:
         after = part.end
         tokens.append(part)
     return tokens
+
+
+def unfold_all(tokens: Iterable[Token]) -> list[Token]:
+    """Return a token for each number and sign in place of those that hold several."""
+    return [part for t in tokens for part in (unfold(t) if t.type == "LITERALS" else (t,))]
 
 
 def _stray(source: Source, start: int, end: int) -> Diagnostic:

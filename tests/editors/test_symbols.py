@@ -63,3 +63,12 @@ def test_files_that_include_one_another_come_once(tmp_path: Path) -> None:
     a.write_text('#include "b.pcsg"\n#include "none.pcsg"\n{} S\n')
     b.write_text('#include "a.pcsg"\nS = box\n')
     assert len(files_of(Source(str(a), a.read_text(), str(tmp_path)), {})) <= 3
+
+
+def test_no_file_outside_of_the_folder_is_read(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "secret.pcsg").write_text("secret = box\n")
+    (tmp_path / "in" / "notes.txt").write_text("notes = box\n")
+    text = '#include "../secret.pcsg"\n#include "notes.txt"\n#include "a\0.pcsg"\n{} S\n'
+    files = files_of(Source(str(tmp_path / "in" / "a.pcsg"), text, str(tmp_path / "in")), {})
+    assert len(files) == 1

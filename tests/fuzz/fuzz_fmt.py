@@ -10,14 +10,14 @@ from driver import Subject
 from pcsg.errors import Source
 from pcsg.grammar import check_text
 from pcsg.grammar.formatting import format_text
-from pcsg.grammar.tokens import tokenize, unfold
+from pcsg.grammar.tokens import tokenize, unfold_all
 from pcsg.graph.digest import digest_of
 
 
 def words_of(text: str) -> list[tuple[str, str, bool]]:
     """Return the tokens, one for each number."""
     tokens, _ = tokenize(Source("<text>", text))
-    parts = [p for t in tokens for p in (unfold(t) if t.type == "LITERALS" else [t])]
+    parts = unfold_all(tokens)
     return [(p.type, p.text, p.first) for p in parts]
 
 

@@ -16,7 +16,7 @@ from pcsg.cli import app
 from pcsg.errors import GrammarError, Source
 from pcsg.grammar import check_text
 from pcsg.grammar.formatting import format_text
-from pcsg.grammar.tokens import BETWEEN, tokenize, unfold
+from pcsg.grammar.tokens import BETWEEN, tokenize, unfold_all
 from pcsg.graph.digest import digest_of
 from pcsg.graph.graph import Graph
 from pcsg.graph.nodes import Calculation
@@ -33,7 +33,7 @@ def meaning(text: str) -> tuple[list[tuple[str, str, bool]], list[str]]:
     """Return the tokens, one for each number, and the comments without blanks at ends of lines."""
     tokens, problems = tokenize(Source("<text>", text))
     assert not problems
-    parts = [p for t in tokens for p in (unfold(t) if t.type == "LITERALS" else [t])]
+    parts = unfold_all(tokens)
     comments, at = [], 0
     for start, end in [*((p.start, p.end) for p in parts), (len(text), 0)]:
         found = [m[0] for m in BETWEEN.finditer(text, at, start) if m.lastgroup == "COMMENT"]
