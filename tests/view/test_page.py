@@ -147,7 +147,7 @@ def test_zooming_goes_to_what_is_under_the_pointer(page):
     box = page.locator("#picture").bounding_box()
     place = box["x"] + box["width"] * 0.45, box["y"] + box["height"] * 0.6
     page.mouse.click(*place)
-    page.wait_for_selector("#answers dd")
+    wait_for(lambda: "derived" in page.inner_text("#answers"), "the derivation")
     facts = page.inner_text("#answers")
     assert "thing.pcsg:3" in facts and "axiom > S:1" in facts
     first = position(page)
