@@ -321,6 +321,65 @@ def scan(
 
 @app.command()
 @guard
+def export(
+    file: File,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT",
+            help="Write the scene (.usdc, .usda, .glb, .obj, .ply), or a table (.csv).",
+        ),
+    ],
+    segments: Annotated[int, typer.Option(help="Give circles so many corners.")] = 16,
+    resolution: Annotated[
+        int, typer.Option(help="Contour what is no polygon with so many cells.")
+    ] = 64,
+    depth: Annotated[
+        int | None,
+        typer.Option(metavar="K", help="Put boxes in place of what is deeper.", show_default=False),
+    ] = None,
+    instances: Annotated[
+        bool, typer.Option("--instances", help="Write a .glb with instances.")
+    ] = False,
+    up: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AXIS", help="Let y or z be up; by the format's custom.", show_default=False
+        ),
+    ] = None,
+    assignments: Assignments = [],  # noqa: B006 - typer copies defaults
+    seed: Seed = None,
+    time: Time = None,
+    include: Include = [],  # noqa: B006 - typer copies defaults
+    max_memory: MaxMemory = None,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Write a grammar's scene for other programs: USD, glTF, OBJ, PLY, tables."""
+    from pcsg.commands.export import run
+
+    run(
+        file,
+        output,
+        segments,
+        resolution,
+        depth,
+        instances,
+        up,
+        assignments,
+        seed,
+        time,
+        include,
+        max_memory,
+        quiet,
+        json,
+    )
+
+
+@app.command()
+@guard
 def stats(
     file: File,
     assignments: Assignments = [],  # noqa: B006 - typer copies defaults

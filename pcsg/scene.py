@@ -35,6 +35,7 @@ from pcsg.vec import Vec3
 
 if TYPE_CHECKING:
     from pcsg.graph.leaves import Leaves
+    from pcsg.trace.expand.expansion import Expansion
     from pcsg.treemesh.segments import Assembled
 
 
@@ -282,6 +283,18 @@ class Scene:
             The scene has too many states for their table: some millions.
         """
         return self._choice.reader.leaves(arguments.whole(batch, "batch", 1))
+
+    def expand(self) -> Expansion:
+        """Return the table of all states: what the scene consists of, once each.
+
+        Raises
+        ------
+        UsageError
+            The scene has too many states for their table: some millions.
+        GrammarError
+            A state contains itself.
+        """
+        return self._choice.reader.expand_whole()
 
     @overload
     def measure(self, quantity: Quantity, by: None = None) -> Measured: ...

@@ -48,6 +48,7 @@ FLOORS: list[set[str]] = [
     {"scene"},
     {"light"},
     {"lidar"},
+    {"export"},
     {"cli", "commands", "editors", "view", "__main__"},
 ]
 # The lowest floor and the highest are one thing each.
@@ -86,6 +87,7 @@ def may_import(user: str, used: str) -> bool:
         return True
     if used in ASKED_FOR and user not in {
         "scene",
+        "export",
         "cli",
         "commands",
         "editors",

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import math
-import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
@@ -21,6 +20,7 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pcsg.errors import UsageError
+from pcsg.meshfile.container import Buffers, write_container
 from pcsg.outputs import check_output, write_whole
 from pcsg.skeletonfile import (
     SKELETON_ENDINGS,
@@ -235,37 +235,21 @@ def write_glb(shape: Shape, file: IO[bytes]) -> None:
     normal = (shape.normals @ turn)[corner[:, 0]].astype("<f4")
     texture = uv[corner[:, 1]].astype("<f4")
     texture[:, 1] = 1.0 - texture[:, 1]
-    arrays = [place, normal, texture, index]
-    views, at = [], 0
-    for array, target in zip(arrays, (34962, 34962, 34962, 34963), strict=True):
-        views.append({"buffer": 0, "byteOffset": at, "byteLength": array.nbytes, "target": target})
-        at += array.nbytes
-    accessors: list[dict[str, Any]] = [
-        {"bufferView": k, "componentType": 5126, "count": len(corner), "type": kind}
-        for k, kind in enumerate(("VEC3", "VEC3", "VEC2"))
-    ]
-    accessors[0] |= {"min": place.min(axis=0).tolist(), "max": place.max(axis=0).tolist()}
-    accessors.append(
-        {"bufferView": 3, "componentType": 5125, "count": index.size, "type": "SCALAR"}
-    )
-    attributes = {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2}
-    scene = {
+    buffers = Buffers()
+    attributes = {
+        "POSITION": buffers.add(place, "VEC3", bounds=True),
+        "NORMAL": buffers.add(normal, "VEC3"),
+        "TEXCOORD_0": buffers.add(texture, "VEC2"),
+    }
+    indices = buffers.add(index.reshape(-1), "SCALAR", indices=True)
+    document = {
         "asset": {"version": "2.0", "generator": "pcsg"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": "tree"}],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": 3}]}],
-        "buffers": [{"byteLength": at}],
-        "bufferViews": views,
-        "accessors": accessors,
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": indices}]}],
     }
-    text = json.dumps(scene, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    file.write(struct.pack("<4sII", b"glTF", 2, 28 + len(text) + at))
-    file.write(struct.pack("<I4s", len(text), b"JSON") + text)
-    file.write(struct.pack("<I4s", at, b"BIN\0"))
-    for array in arrays:
-        file.write(array.tobytes())
+    write_container(file, document, buffers)
 
 
 def write_usda(shape: Shape, file: IO[bytes]) -> None:

@@ -155,12 +155,24 @@ class StatesReader:
         from pcsg.trace.expand.measuring import Measuring
 
         # Whoever packs the known one takes it apart.
+        return Measuring(self.expand_whole())
+
+    def expand_whole(self) -> Expansion:
+        """Return a new table of all states.
+
+        Raises
+        ------
+        UsageError
+            There are too many states.
+        GrammarError
+            A fault was met.
+        """
         found = self.expand()
         if found is None:
             raise UsageError("the scene has too many states for their table: some millions")
         if found.diagnostics:
             raise GrammarError(found.diagnostics)
-        return Measuring(found)
+        return found
 
     def count(self) -> Counts | None:
         """Return what is counted in the table; None where there is none."""
