@@ -174,9 +174,21 @@ class Mesher:
             self._leaves[key] = self._draw(node, args)
         return self._leaves[key]
 
+    def _contoured(self, node: Leaf, args: tuple[float, ...]) -> Outline:
+        """Return what rays find of a solid for which there are no polygons."""
+        try:
+            return contour(Scene(_leaf(node, args)), self.resolution)
+        except UsageError as error:
+            self.notes[f"{node.solid.name} was left out: {error}"] = None
+            return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+
     def _draw(self, node: Leaf, args: tuple[float, ...]) -> Outline | None:
         if not node.constants:
-            return outline_of(node.solid.name, args, self.segments)
+            outline = outline_of(node.solid.name, args, self.segments)
+            box = node.bounds_of(args)
+            if outline is not None or not np.isfinite([box.lower, box.upper]).all():
+                return outline
+            return self._contoured(node, args)
         model = node.model(args)
         if isinstance(model, MeshModel):
             return model.polygons.vertices, model.triangles
@@ -184,11 +196,7 @@ class Mesher:
             limbs = _limbs(node, args)
             if limbs is not None:
                 return limbs.positions, limbs.triangles
-            try:
-                return contour(Scene(_leaf(node, args)), self.resolution)
-            except UsageError as error:
-                self.notes[f"{node.solid.name} was left out: {error}"] = None
-                return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+            return self._contoured(node, args)
         return None
 
 

@@ -205,6 +205,12 @@ def test_operations_are_contoured_without_the_extra(monkeypatch):
     assert sum(len(shape.triangles) for shape in found.shapes) > 500
 
 
+def test_solids_without_polygons_are_contoured():
+    found = assemble(pcsg.loads("{} capsule(0.3)"), resolution=16)
+    assert len(found.shapes[0].triangles) > 100
+    assert found.notes == ()
+
+
 def test_depth_ends_in_boxes_that_hold_what_follows():
     scene = pcsg.loads(LIMBS)
     found = assemble(scene, depth=3)
