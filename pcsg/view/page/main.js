@@ -144,7 +144,6 @@ const heard = {
     curves.show(scene.curves);
     errors.show(message.warnings);
     pane.mark(message.warnings);
-    $("stop").disabled = true;
     become("drawing");
   },
   errors(message) {
@@ -174,6 +173,7 @@ const heard = {
     showFigures();
     document.body.dataset.frames = Number(document.body.dataset.frames ?? 0) + 1;
     if (document.body.dataset.state === "errors") return;
+    $("stop").disabled = message.done;
     become(message.done ? "done" : "drawing");
     say(message.done ? "done" : "drawing");
   },
