@@ -30,7 +30,7 @@ from pcsg.trace.traversal import (
     Scratch,
     T,
     Trees,
-    empty_cache,
+    begin_ray,
 )
 from pcsg.vec import Ray, Vec3, load_affine, normalize, transform_normal, transform_ray
 
@@ -200,7 +200,7 @@ def find_batch(
         if cut is not None:
             width, spread = footprint.width[i], footprint.spread[i]
         store_precision(scratch.small, PRECISION, precision_of(ray, extent))
-        empty_cache(scratch)
+        begin_ray(scratch)
         result = find_first(trees, pool, scratch, root, extent, want, ray, cut, width, spread)
         if result == INSIDE:
             result = find_exit(trees, pool, scratch, root, want, ray)

@@ -21,7 +21,7 @@ from pcsg.graph.operators import DIFFERENCE
 from pcsg.indices import place, wide
 from pcsg.jit import njit
 from pcsg.leaf.registry import ANY, NO_PART, OVERFLOW, Pool
-from pcsg.simd import WIDTH, stay_apart
+from pcsg.simd import stay_apart
 from pcsg.trace.coverage import Coverage, draw_hit
 from pcsg.trace.ends import (
     CUT,
@@ -47,7 +47,6 @@ from pcsg.trace.traversal import (
     PART,
     PATH,
     PRECISION,
-    STACK,
     STAND_INS,
     UNDECIDED,
     VISITS,
@@ -64,6 +63,7 @@ from pcsg.trace.traversal import (
     keep_surface,
     load_beginning,
     load_ray,
+    must_stop,
     precedes,
     push_references,
     store_ray,
@@ -234,7 +234,7 @@ def find_first(
             scratch.frames[VISITS] += 1
             met = meet_block(trees.boxes, block, slabs, near, far, scratch.slabs, scratch.entries)
             if met != NONE:
-                if top >= STACK - WIDTH:
+                if must_stop(scratch, top):
                     return UNDECIDED
                 found = True
                 code, entry, top = push_references(

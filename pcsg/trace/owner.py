@@ -12,7 +12,6 @@ from pcsg.geometry.slabs import make_slabs, meet_block
 from pcsg.indices import wide
 from pcsg.jit import njit
 from pcsg.leaf.registry import ALL, OVERFLOW, Pool
-from pcsg.simd import WIDTH
 from pcsg.trace.ends import MAX_DEPTH
 from pcsg.trace.groups import BLOCK, LEAF, OPERATION, SMALL, SUSPENDED
 from pcsg.trace.merge import TABLES, truth
@@ -24,7 +23,6 @@ from pcsg.trace.traversal import (
     NONE,
     PATH,
     PRECISION,
-    STACK,
     UNDECIDED,
     VISITS,
     Scratch,
@@ -36,6 +34,7 @@ from pcsg.trace.traversal import (
     is_sheet,
     keep_surface,
     load_ray,
+    must_stop,
     precedes,
     push_references,
     store_ray,
@@ -116,7 +115,7 @@ def find_owner(
             scratch.frames[VISITS] += 1
             met = meet_block(trees.boxes, block, slabs, low, high, scratch.slabs, scratch.entries)
             if met != NONE:
-                if top >= STACK - WIDTH:
+                if must_stop(scratch, top):
                     return UNDECIDED, UNDECIDED, t
                 found = True
                 refs, entries = trees.refs, scratch.entries

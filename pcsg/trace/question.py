@@ -44,6 +44,7 @@ from pcsg.trace.traversal import (
     keep_surface,
     load_beginning,
     load_ray,
+    must_stop,
     precedes,
     push_references,
     store_ray,
@@ -137,7 +138,7 @@ def ask(
             scratch.frames[VISITS] += 1
             met = meet_block(trees.boxes, block, slabs, t, far, scratch.slabs, scratch.entries)
             if met != NONE:
-                if top >= STACK - WIDTH:
+                if must_stop(scratch, top):
                     return UNDECIDED, t, False
                 found = True
                 code, entry, top = push_references(

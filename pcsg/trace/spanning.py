@@ -17,7 +17,7 @@ from pcsg.trace.groups import BLOCK
 from pcsg.trace.owner import find_owner
 from pcsg.trace.precision import Extent, load_precision, precision_of, store_precision, tolerance
 from pcsg.trace.question import ask
-from pcsg.trace.traversal import PATH, PRECISION, UNDECIDED, Scratch, Trees
+from pcsg.trace.traversal import PATH, PRECISION, UNDECIDED, Scratch, Trees, begin_ray
 from pcsg.vec import Ray
 
 ROOMS = 16, 256, 4_096
@@ -63,6 +63,7 @@ def span_batch(
         dx, dy, dz = directions[i]
         ray = Ray(ox, oy, oz, dx, dy, dz, -math.inf, math.inf)
         store_precision(scratch.small, PRECISION, precision_of(ray, extent))
+        begin_ray(scratch)
         at = 2 * room * i
         counts[i] = _step_through(trees, pool, scratch, root, box, ray, room, at, ends, records)
 

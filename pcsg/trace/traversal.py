@@ -33,7 +33,16 @@ FRAME, LIMITS = 6, 5
 VISITS = FRAME * MAX_DEPTH
 """Behind the frames: how many blocks, instances and leaves were visited so far."""
 
-EXPANDER, WORDS, IS_FULL, GENERATION, STAND_INS, MEMO = range(VISITS + 3, VISITS + 9)
+UNTIL = VISITS + 3
+"""How many blocks may have been visited before the present ray has looked at too many."""
+
+MOST_BLOCKS = 20_000_000
+"""Blocks that one ray may visit: about a second. The walker tells what makes more of them."""
+
+EXPANSION = 32
+"""Visits to blocks that take as long as an expansion."""
+
+EXPANDER, WORDS, IS_FULL, GENERATION, STAND_INS, MEMO = range(UNTIL + 1, UNTIL + 7)
 """Behind these, where states are suspended: the addresses of what expands them (`expand.cache`) and
 of its words; whether there is little room left; the generation of all that has been expanded; how
 many states there are; and for every state the generation of its expansion and its first block,
@@ -126,6 +135,7 @@ def make_scratch(suspended: int = 0) -> Scratch:
     frames[STAND_INS] = suspended
     # Memos of generation 0 are none.
     frames[GENERATION] = 1
+    frames[UNTIL] = MOST_BLOCKS
     return Scratch(
         entry_t=np.zeros(STACK),
         entry_ref=np.zeros(STACK, np.int64),
@@ -190,14 +200,23 @@ def find_expansion(scratch: Scratch, suspended: int) -> int:
     memo = frames[MEMO + suspended]
     if memo >> 32 == frames[GENERATION]:
         return wide(memo & 0xFFFFFFFF)
+    frames[UNTIL] -= EXPANSION
     return call_at(frames[EXPANDER], frames[WORDS], suspended)  # type: ignore[no-any-return]
 
 
 @njit(inline=True)
-def empty_cache(scratch: Scratch) -> None:
-    """Forget what has been expanded, where there is little room left; only between two rays."""
-    if scratch.frames[place(IS_FULL)] != 0:
-        call_at(scratch.frames[place(EXPANDER)], scratch.frames[place(WORDS)], -1)
+def begin_ray(scratch: Scratch) -> None:
+    """Let a ray visit `MOST_BLOCKS` from now on; forget expansions if there is little room left."""
+    frames = scratch.frames
+    frames[place(UNTIL)] = frames[place(VISITS)] + MOST_BLOCKS
+    if frames[place(IS_FULL)] != 0:
+        call_at(frames[place(EXPANDER)], frames[place(WORDS)], -1)
+
+
+@njit(inline=True)
+def must_stop(scratch: Scratch, top: int) -> bool:
+    """Return whether the stack has no room for a block's references, or the ray looks too far."""
+    return top >= STACK - WIDTH or scratch.frames[VISITS] > scratch.frames[UNTIL]
 
 
 @njit
