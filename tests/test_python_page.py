@@ -18,7 +18,7 @@ EXAMPLES = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 
 FOR_THE_RENDERER = {
     "Scene": {
-        *("boxes", "setting_numbers", "setting_values", "sheets", "shining_covers"),
+        *("boxes", "reach", "setting_numbers", "setting_values", "sheets", "shining_covers"),
         *("source_hash", "states", "tracer"),
     },
     "Hits": {"columns", "replaced", "take"},

@@ -54,6 +54,15 @@ def by_tape(exprs: Sequence[Expr], given: Sequence[float]) -> bytes | None:
     return struct.pack(f"{len(found)}d", *found)
 
 
+@pytest.mark.parametrize("name", ["min", "max"])
+def test_the_smallest_of_one_number(name: str) -> None:
+    exprs = [call(name, 1.0), call(name, P.a), call(name, call(name, P.b + 1.0))]
+    given = [2.0, 3.0, 4.0, *FRAME]
+    assert (
+        by_instructions(exprs, given) == by_tape(exprs, given) == struct.pack("3d", 1.0, 2.0, 4.0)
+    )
+
+
 @given(
     st.lists(expressions(NAMES[:3]), min_size=1, max_size=3),
     st.lists(st.one_of(st.integers(-3, 3).map(float), st.floats(-9, 9)), min_size=3, max_size=3),

@@ -327,6 +327,9 @@ class Arithmetic:
                         self._sound.add(self.operand(arg))
             parts = [_Visit(arg, -1, is_checked) for arg in args]
             return [*parts, _Apply(expr, target, len(args))]
+        if len(args) == 1:
+            # The smallest of one number is that number.
+            return [_Visit(args[0], target, False)]
         plan: list[_Visit | _Apply | _Branch | _Otherwise | _Join] = [_Visit(args[0], -1, False)]
         for arg in args[1:]:
             plan += [_Visit(arg, -1, False), _Apply(expr, target, 2)]
