@@ -341,22 +341,33 @@ def test_an_interrupt_keeps_the_partial_picture(tmp_path):
 
 
 ENDLESS_RAY = """
+import typer
+
 import pcsg
 from pcsg.commands.guard import guard
 from pcsg.commands.interrupts import heard_interrupts
 
+CROWD = '''{n = 40} S
+S if(n > 0, 2, 1)
+1: S -> sphere
+2: S -> {n = n-1} (uscale(0.9999) S | uscale(0.9998) S)'''
+
 @guard
 def run():
-    scene = pcsg.loads("{n = 2} repeat(9, move(0,0,1)) for(i, 0, n) box", threads=THREADS)
-    rays = [[0, 0, 9]] * COUNT, [[0, 0.01, -1]] * COUNT
+    # Within all boxes, but beside all balls.
+    rays = [[0.9, 0.9, 9]] * COUNT, [[0, 0, -1]] * COUNT
+    scene = pcsg.loads(CROWD.replace("40", "4"), threads=THREADS)
     scene.intersect(*rays)
-    scene = pcsg.loads("{n = 1e9} repeat(9, move(0,0,1)) for(i, 0, n) box", threads=THREADS)
+    scene = pcsg.loads(CROWD, threads=THREADS)
     scene.tracer
     print("tracing", flush=True)
     scene.intersect(*rays)
 
 with heard_interrupts():
-    run()
+    try:
+        run()
+    except typer.Exit as end:
+        raise SystemExit(end.exit_code)
 """
 
 

@@ -28,7 +28,10 @@ SMALL_TREE = """{
   }
 }
 """
-ENDLESS = "{n = 1e9} repeat(9, move(0,0,1)) for(i, 0, n) box\n"
+ENDLESS = (
+    "{n = 40} S\nS if(n > 0, 2, 1)\n1: S -> sphere\n"
+    "2: S -> {n = n-1} (uscale(0.9999) S | uscale(0.9998) S)\n"
+)
 
 
 @pytest.fixture(scope="module")
