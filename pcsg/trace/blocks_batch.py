@@ -30,6 +30,7 @@ from pcsg.trace.traversal import (
     Scratch,
     T,
     Trees,
+    begin_batch,
     begin_ray,
 )
 from pcsg.vec import Ray, Vec3, load_affine, normalize, transform_normal, transform_ray
@@ -179,6 +180,7 @@ def find_batch(
     status = OK
     describe = len(found.t) > 0
     own_min, own_max = len(t_min) > 1, len(t_max) > 1
+    begin_batch(scratch)
     for i in range(begin, end):
         ray = Ray(
             origins[i, 0],

@@ -17,7 +17,7 @@ from pcsg.trace.groups import BLOCK
 from pcsg.trace.owner import find_owner
 from pcsg.trace.precision import Extent, load_precision, precision_of, store_precision, tolerance
 from pcsg.trace.question import ask
-from pcsg.trace.traversal import PATH, PRECISION, UNDECIDED, Scratch, Trees, begin_ray
+from pcsg.trace.traversal import PATH, PRECISION, UNDECIDED, Scratch, Trees, begin_batch, begin_ray
 from pcsg.vec import Ray
 
 ROOMS = 16, 256, 4_096
@@ -58,6 +58,7 @@ def span_batch(
     ends, records : float64 (2 R N,), int32
         Receive where they are, and the leaf records that they belong to.
     """
+    begin_batch(scratch)
     for i in range(begin, end):
         ox, oy, oz = origins[i]
         dx, dy, dz = directions[i]

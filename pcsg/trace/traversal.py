@@ -205,10 +205,20 @@ def find_expansion(scratch: Scratch, suspended: int) -> int:
 
 
 @njit(inline=True)
+def begin_batch(scratch: Scratch) -> None:
+    """Forget that a ray of another call has looked too far."""
+    scratch.frames[UNTIL] = scratch.frames[VISITS] + MOST_BLOCKS
+
+
+@njit(inline=True)
 def begin_ray(scratch: Scratch) -> None:
-    """Let a ray visit `MOST_BLOCKS` from now on; forget expansions if there is little room left."""
+    """Let a ray visit `MOST_BLOCKS` from now on; forget expansions if there is little room left.
+
+    Rays behind one that has looked too far stop at once: the walker will tell of it.
+    """
     frames = scratch.frames
-    frames[place(UNTIL)] = frames[place(VISITS)] + MOST_BLOCKS
+    if frames[place(VISITS)] <= frames[place(UNTIL)]:
+        frames[place(UNTIL)] = frames[place(VISITS)] + MOST_BLOCKS
     if frames[place(IS_FULL)] != 0:
         call_at(frames[place(EXPANDER)], frames[place(WORDS)], -1)
 
