@@ -197,3 +197,10 @@ def test_numbers_of_the_readme() -> None:
         README.split()
     )
     assert sys.version_info >= (3, 11) and "Python 3.11 or newer" in README
+
+
+def test_pictures_of_the_documentation_tell_no_folder_of_a_machine() -> None:
+    for file in (ROOT / "docs" / "pictures").glob("*.png"):
+        with Image.open(file) as picture:
+            words = str(getattr(picture, "text", {}).get("pcsg:command", "")).split()
+        assert not [word for word in words if Path(word).is_absolute()], file
