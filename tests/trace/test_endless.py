@@ -7,6 +7,7 @@ import pytest
 from pcsg.errors import EvaluationFault
 from pcsg.grammar import load_text
 from pcsg.scene import Scene
+from pcsg.trace.traversal import MOST_BLOCKS
 
 CROWD = (
     "{n = 40} S\nS if(n > 0, 2, 1)\n1: S -> sphere\n"
@@ -22,3 +23,10 @@ def test_a_ray_among_endless_copies_is_told(engine: str) -> None:
     with pytest.raises(EvaluationFault, match="long-ray") as caught:
         scene.intersect([[0.9, 0.9, -5.0]], [[0.0, 0.0, 1.0]])
     assert "module `S`" in str(caught.value) and "S:2" in str(caught.value)
+
+
+def test_rays_behind_one_that_has_looked_too_far_stop_at_once() -> None:
+    scene = Scene(load_text(CROWD), engine="states", threads=1)
+    with pytest.raises(EvaluationFault, match="long-ray"):
+        scene.intersect([[0.9, 0.9, -5.0]] * 20, [[0.0, 0.0, 1.0]])
+    assert 20 * scene.tracer.profile["blocks"] < 1.1 * MOST_BLOCKS
